@@ -6,7 +6,7 @@ import numpy as np
 
 from sim.errors import SceneError
 from sim.integrators.held import forces_of_rows
-from sim.joints.compiled import Rows
+from sim.joints.compiled import CompiledJoints
 from sim.joints.contract import REACTIONS
 from sim.probes import AXES, Report, Values, Variable
 from sim.state import Array, Control, Outputs, State
@@ -73,7 +73,7 @@ class Reactions:
             forces = np.array([forces_of_rows(system, x, c) for x, c in both])
         return rows.reactions(outputs.frames, outputs.q, forces)
 
-    def _rows(self, system: System) -> Rows:
+    def _rows(self, system: System) -> CompiledJoints:
         found = () if system.rows is None else system.rows.joints
         if system.rows is None or found != self.names:
             raise SceneError(

@@ -7,7 +7,7 @@ import numpy as np
 
 from sim.constraints.union import unite
 from sim.errors import SceneError
-from sim.joints.compiled import Rows
+from sim.joints.compiled import CompiledJoints
 from sim.kinematics import Kinematics, lay_out_kinematics
 from sim.mesh import Mesh
 from sim.scene import CompiledTerm, Layout, Scene, Term, having
@@ -115,12 +115,12 @@ def _rest(kinematics: Kinematics, mesh: Mesh) -> Pose:
     return kinematics.advance(start, np.zeros(kinematics.pattern.n), 0.0)
 
 
-def _rows(scene: Scene, kinematics: Kinematics, mesh: Mesh) -> Rows | None:
+def _rows(scene: Scene, kinematics: Kinematics, mesh: Mesh) -> CompiledJoints | None:
     if not scene.joints:
         return None
     rest = _rest(kinematics, mesh)
     numbers = {body.name: b for b, body in enumerate(scene.bodies)}
-    return Rows(scene.joints, numbers, kinematics, rest)
+    return CompiledJoints(scene.joints, numbers, kinematics, rest)
 
 
 def _sparse(scene: Scene, declared: tuple[Term, ...]) -> System | None:

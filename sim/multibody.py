@@ -16,7 +16,7 @@ from sim._kernels.body_tables import (
 from sim._kernels.joints import RowTable
 from sim._kernels.lines import PARAMETERS, LineTable
 from sim.bodies import Body
-from sim.joints.compiled import Rows, row_table
+from sim.joints.compiled import CompiledJoints, row_table
 from sim.kinematics import Kinematics
 from sim.kinematics.articulated import Articulated
 from sim.pattern import Index
@@ -89,7 +89,7 @@ def lay_out_multibody(
     X: Array,
     bodies: Sequence[Body],
     terms: Sequence[CompiledTerm],
-    rows: Rows | None,
+    rows: CompiledJoints | None,
     names: Sequence[str],
 ) -> tuple[Multibody | None, str]:
     """Tables of a scene whose velocities are those of bodies and whose terms act on points.
@@ -160,7 +160,7 @@ def _joined(tables: Sequence[LineTable]) -> LineTable:
     return LineTable(*(np.concatenate(column) for column in zip(first, *tables, strict=True)))
 
 
-def _row_table(rows: Rows | None, body: Index, arm: Array) -> tuple[RowTable, RowKinds]:
+def _row_table(rows: CompiledJoints | None, body: Index, arm: Array) -> tuple[RowTable, RowKinds]:
     """Rows with points as places on their bodies."""
     if rows is None:
         none, flags = np.zeros(0), np.zeros(0, dtype=bool)

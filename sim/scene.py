@@ -16,7 +16,7 @@ from sim.checks import real_numbers
 from sim.described import Described, listed
 from sim.joints.contract import Joint
 from sim.kinematics.members import Member
-from sim.linear.contract import Product
+from sim.linear.contract import LowRankTerm
 from sim.mesh import Mesh
 from sim.pattern import Index, SymmetricPattern
 from sim.state import Array, Control
@@ -74,7 +74,7 @@ class CompiledTerm:
         pattern, positive semi-definite; the force is zero for v = 0.
         """
 
-    def product(self, q: Array) -> Product:
+    def product(self, q: Array) -> LowRankTerm:
         """Matrix-free product that the stiffness has in addition to that of `add`."""
         raise NotImplementedError
 

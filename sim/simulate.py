@@ -131,7 +131,7 @@ def simulate(
     began = time.perf_counter()
     log.add(state, control(state.t), None)
     estimating = work.estimating(any(isinstance(part, ReadsErrors) for part in (steps, *probes)))
-    told = _Told(progress)
+    told = _ProgressOfParts(progress)
     with threads_of(solver_threads, work.linear.name), estimating:
         for number, part in enumerate(parts):
             if number and at_checkpoint is not None:
@@ -211,7 +211,7 @@ def _parts(duration: float, every: float, checkpoint: int | None) -> list[float]
     return [checkpoint * every] * whole + ([rest * every] if rest else [])
 
 
-class _Told:
+class _ProgressOfParts:
     """Progress over the parts between checkpoints."""
 
     def __init__(self, progress: Progress | None) -> None:
@@ -234,7 +234,7 @@ def _together(
     groups: Sequence[Sequence[float]],
     activation: Activation,
     log: Log,
-    told: _Told,
+    told: _ProgressOfParts,
 ) -> State:
     """Record a simulation after each group of steps, several at once; the last state."""
     bodies, outputs, done = motion.work.bodies, None, 0
@@ -263,7 +263,7 @@ def _one_by_one(
     state: State,
     plan: Sequence[Interval],
     log: Log,
-    told: _Told,
+    told: _ProgressOfParts,
 ) -> State:
     """Record the outputs of a plan; the last state."""
     system, reports = motion.system, list[StepReport]()

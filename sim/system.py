@@ -11,9 +11,9 @@ from sim.constraints.union import Constraints
 from sim.contact.compiled import CompiledContact
 from sim.described import Described
 from sim.errors import ControlError
-from sim.joints.compiled import Rows
+from sim.joints.compiled import CompiledJoints
 from sim.kinematics import Kinematics
-from sim.linear.contract import Matrix, Product, merged, symmetric_product
+from sim.linear.contract import LowRankTerm, Matrix, merged, symmetric_product
 from sim.mesh import Mesh
 from sim.multibody import Multibody, lay_out_multibody
 from sim.pattern import Sparsity, SymmetricPattern
@@ -29,7 +29,7 @@ from sim.scene import (
 from sim.state import Array, Control, Evaluation, Pose, State
 
 
-class Later(Protocol):
+class CompiledOnUse(Protocol):
     """A system that is compiled when it is first used."""
 
     @property
@@ -51,12 +51,12 @@ class System(Described):
     terms: tuple[CompiledTerm, ...]  #: compiled terms
     muscles: tuple[str, ...]  #: names, the order of every activation
     constraints: Constraints | None = None  #: all conditions of the scene on its free unknowns
-    rows: Rows | None = None  #: those of all joints
+    rows: CompiledJoints | None = None  #: those of all joints
     #: the same mechanics with a part of the tangents as products, if a term supports them
     sparse: "System | None" = None
     damping_law: CompiledDamping | None = None
     #: the same mechanics with entries for contact rows in the matrix, if there is contact of tissue
-    with_rows: "Later | None" = None
+    with_rows: "CompiledOnUse | None" = None
     _in_step: bool = False
 
     @property
@@ -210,7 +210,7 @@ class System(Described):
                 term.add_damping(q, control, values)
         return values
 
-    def products_of_points(self, q: Array) -> tuple[Product, ...]:
+    def products_of_points(self, q: Array) -> tuple[LowRankTerm, ...]:
         """Matrix-free products of the points' stiffness, in addition to `tangent`."""
         return tuple(term.product(q) for term in self._with_product)
 
@@ -219,7 +219,7 @@ class System(Described):
         return having(self.terms, "product")
 
     @cached_property
-    def products_at_rest(self) -> tuple[Product, ...]:
+    def products_at_rest(self) -> tuple[LowRankTerm, ...]:
         """The same at rest."""
         return self.products_of_points(self.mesh.X)
 
@@ -268,7 +268,7 @@ def _total(f: Array, parts: list[Contribution]) -> Evaluation:
     return Evaluation(f, sum(p.energy for p in parts), *worst)
 
 
-def products(system: System, pose: Pose) -> tuple[Product, ...]:
+def products(system: System, pose: Pose) -> tuple[LowRankTerm, ...]:
     """Matrix-free products of the generalised stiffness, in addition to `System.tangent`."""
     parts = system.products_of_points(pose.q)
     return tuple(system.kinematics.product(part, pose) for part in parts)
@@ -302,7 +302,7 @@ def damping_matrix(
         of_points = of_points + D
     values = kinematics.generalised_matrix(of_points, None, pose)
     kinematics.add_damping(values)
-    scaled: tuple[Product, ...] = ()
+    scaled: tuple[LowRankTerm, ...] = ()
     if law is not None:
         moves = law.rest is None
         of_terms = system.products_of_points(pose.q) if moves else system.products_at_rest
@@ -317,7 +317,7 @@ def damping_matrix(
 
 
 def _damped(
-    system: System, of_points: Array, products: tuple[Product, ...], drift: Array, pose: Pose
+    system: System, of_points: Array, products: tuple[LowRankTerm, ...], drift: Array, pose: Pose
 ) -> Array:
     """Generalised damping force (n,) of velocities of the points (n_points, 3)."""
     f, v = np.zeros(drift.size), drift.reshape(-1)[system.free]

@@ -1,6 +1,6 @@
 """Rows over the velocities of rigid bodies: forces from their Delassus matrix, projection of poses.
 
-The equations are those of `sim.integrators.linear_rows` and `sim.joints.compiled.Rows`.
+The equations are those of `sim.integrators.linear_rows` and `sim.joints.compiled.CompiledJoints`.
 """
 
 # pyright: basic
@@ -269,7 +269,7 @@ def restrict(table, kinds, bodies, q, known, step, rows):
 def move_on_rows(table, kinds, bodies, twists, q, h, theta, known, most, drift, step, rows):
     """Move bodies by w1 with the forces of rows, and project frames and velocities to the rows.
 
-    The projection is that of `sim.joints.compiled.Rows.projected`. The forces of the rows of the step,
+    The projection is that of `sim.joints.compiled.CompiledJoints.projected`. The forces of the rows of the step,
     and the impulses on the velocities as forces over it, are added in `held`. If the rows are `known` at
     the first frames, they are not evaluated there.
     """

@@ -52,7 +52,7 @@ class RowKinds(NamedTuple):
     damping_time: Array
 
 
-class Led(NamedTuple):
+class PrescribedBodies(NamedTuple):
     """Prescribed bodies (k,), with frames (n, k, 7) and twists (n, k, 6) at the ends of steps."""
 
     body: Index

@@ -23,7 +23,7 @@ from sim._kernels.body_forces import (
     morsel_gap,
 )
 from sim._kernels.body_rows import move_on_rows, restrict
-from sim._kernels.body_tables import BodyTable, Flags, Index, Led, RowKinds, Scratch
+from sim._kernels.body_tables import BodyTable, Flags, Index, PrescribedBodies, RowKinds, Scratch
 from sim._kernels.dense import copy, factorise, solve_lower, solve_upper
 from sim._kernels.frames import (
     add,
@@ -248,7 +248,7 @@ def advance_bodies(
     lines: LineTable,
     rows: RowTable,
     kinds: RowKinds,
-    led: Led,
+    led: PrescribedBodies,
     scratch: Scratch,
     h: Array,
     activation: Array,

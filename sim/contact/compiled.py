@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim.contact.rows import ENTERED, NEAREST, NO_ROWS, WALL, ContactTolerances, Flags, Rows
+from sim.contact.rows import ENTERED, NEAREST, NO_ROWS, WALL, ContactRows, ContactTolerances, Flags
 from sim.contact.search import (
     NO_NORMALS,
     Candidates,
-    Found,
-    Met,
+    ContactFeatures,
+    PointFacePairs,
     SignedFaces,
     closest_faces,
     entered_faces,
@@ -30,7 +30,7 @@ FELT = 1e-9  #: least weight of the free unknowns in a row
 
 
 @dataclass(frozen=True, eq=False)
-class Move:
+class StepGeometry:
     """Geometry of a step, or of its part up to a trial."""
 
     #: (n_nodes, 3) positions at the start, and current ones [m]
@@ -59,7 +59,7 @@ class Move:
         return self.shells[surface]
 
 
-class Direction:
+class VertexFaceContact:
     """Vertices of one surface of a pairing, and points on its edges, against the faces of the other.
 
     Parameters
@@ -122,7 +122,7 @@ class Direction:
         deep = np.zeros(len(self.vertices))
         if self._itself:
             return deep
-        here = Move(q, q, t, t)
+        here = StepGeometry(q, q, t, t)
         points, x = self.at(here.ends(self.surface)[0]), here.ends(self.faces)[0]
         # An open surface has no inside; depths in a closed one are not limited.
         radius = np.inf if self.faces.closed else self._approach
@@ -136,7 +136,7 @@ class Direction:
         one, two = (of_vertices[self.vertices[:, k]] for k in (0, 1))
         return one + self.share[:, None] * (two - one)
 
-    def closest(self, points: Array, radius: Array | float, x: Array) -> Found:
+    def closest(self, points: Array, radius: Array | float, x: Array) -> PointFacePairs:
         """Closest faces, at positions x of their vertices, of points within a radius."""
         return closest_faces(points, radius, x, self.faces.triangles, self.candidates)
 
@@ -147,7 +147,7 @@ class Direction:
             return None
         return faces.place(t1)[0] @ faces.place(t0)[0].T
 
-    def near(self, move: Move, allowed: Array, way: Array | None) -> Rows:
+    def near(self, move: StepGeometry, allowed: Array, way: Array | None) -> ContactRows:
         """Rows of the vertices near a face.
 
         `allowed` (n_slots,) is the depth that vertices may have [m]; at the start, entries of vertices
@@ -181,7 +181,7 @@ class Direction:
         rank = np.where(met.wall, WALL, NEAREST)
         return self._rows(move, met, (met.place, rank), normal, gap + deep)
 
-    def entered(self, move: Move, allowed: Array) -> Rows:
+    def entered(self, move: StepGeometry, allowed: Array) -> ContactRows:
         """Rows of the vertices that enter a face on their path, with its normal at the end.
 
         allowed (n_slots,) are the depths that vertices may have [m].
@@ -198,7 +198,7 @@ class Direction:
         gap = np.einsum("ki,ki->k", normal, after[found.point] - at)
         return self._rows(move, found, (place, np.full(len(gap), ENTERED)), normal, gap)
 
-    def _outside(self, move: Move, allowed: Array) -> Array:
+    def _outside(self, move: StepGeometry, allowed: Array) -> Array:
         """Vertices (n, 3) at the start, with slightly penetrating ones moved to the surface.
 
         After an earlier contact, vertices may be slightly inside and would enter undetected.
@@ -221,8 +221,13 @@ class Direction:
         return points
 
     def _rows(
-        self, move: Move, found: Found | Met, about: tuple[Index, Index], normal: Array, gap: Array
-    ) -> Rows:
+        self,
+        move: StepGeometry,
+        found: PointFacePairs | ContactFeatures,
+        about: tuple[Index, Index],
+        normal: Array,
+        gap: Array,
+    ) -> ContactRows:
         """Rows with their gaps converted to the start of the step.
 
         about: their places and ranks.
@@ -243,7 +248,7 @@ class Direction:
             weight[:, 0], weight[:, 1] = 1.0 - share, share
             x0, x1 = move.ends(self.faces)
             carried = np.einsum("kj,kji->ki", found.weight, x1[corners] - x0[corners])
-        rows = Rows(
+        rows = ContactRows(
             self.slots[found.point],
             *about,
             nodes,
@@ -310,7 +315,7 @@ class CompiledContact(CompiledTerm):
         free[layout.pattern.free] = True
         free = free.reshape(-1, 3)
         self._removal_speed = removal_speed
-        self._directions: list[Direction] = []
+        self._directions: list[VertexFaceContact] = []
         self._n_slots = 0
         # all pairings that contain a surface share one object of its faces
         surfaces = {id(s): s for pairing in pairings for s in pairing.surfaces}
@@ -329,7 +334,7 @@ class CompiledContact(CompiledTerm):
                     points, share = np.concatenate([points, on]), np.r_[share, at]
                 about = own, other, tolerances, free, layout.carriers
                 self._directions.append(
-                    Direction(i, frictions[i], points, share, self._n_slots, *about)
+                    VertexFaceContact(i, frictions[i], points, share, self._n_slots, *about)
                 )
                 self._n_slots += len(points)
         none = np.empty(0, dtype=np.int64)
@@ -339,7 +344,7 @@ class CompiledContact(CompiledTerm):
         self.vertex_of_slot: Index = np.concatenate([none] + [d.nodes for d in self._directions])
 
     @property
-    def directions(self) -> tuple[Direction, ...]:
+    def directions(self) -> tuple[VertexFaceContact, ...]:
         """Vertices of one surface against the faces of another, in the order of their slots."""
         return tuple(self._directions)
 
@@ -372,7 +377,7 @@ class CompiledContact(CompiledTerm):
         count, gap, force = np.zeros(n), np.full(n, np.inf), np.zeros(n)
         np.add.at(force, self.pairing_of_slot, memory[:, FORCE])
         np.add.at(count, self.pairing_of_slot, memory[:, FORCE] > 0.0)
-        here = Move(state.q, state.q, state.t, state.t)
+        here = StepGeometry(state.q, state.q, state.t, state.t)
         near = self.near(here, memory[:, ALLOWED].copy())
         np.minimum.at(gap, near.pairing, near.gap)
         return count, np.where(gap < np.inf, gap, np.nan), force
@@ -406,7 +411,7 @@ class CompiledContact(CompiledTerm):
                 out[direction.slots] = vectors[direction.slots] @ turn.T
         return out
 
-    def outward(self, q: Array, rows: Rows) -> Array:
+    def outward(self, q: Array, rows: ContactRows) -> Array:
         """Normals (k, 3) of the surfaces opposite to rows at positions q of the mesh; zero of shells."""
         out = np.zeros((len(rows), 3))
         for direction in self._directions:
@@ -417,12 +422,12 @@ class CompiledContact(CompiledTerm):
                     out[mine] = direction.signs.normals_of(rows.place[mine], q)
         return out
 
-    def near(self, move: Move, allowed: Array, way: Array | None = None) -> Rows:
-        """Rows of all vertices near a face; see `Direction.near`."""
+    def near(self, move: StepGeometry, allowed: Array, way: Array | None = None) -> ContactRows:
+        """Rows of all vertices near a face; see `VertexFaceContact.near`."""
         return NO_ROWS.joined(*(d.near(move, allowed, way) for d in self._directions))
 
-    def entered(self, move: Move, allowed: Array) -> Rows:
-        """Rows of all vertices that enter a face on their path; see `Direction.entered`."""
+    def entered(self, move: StepGeometry, allowed: Array) -> ContactRows:
+        """Rows of all vertices that enter a face on their path; see `VertexFaceContact.entered`."""
         return NO_ROWS.joined(*(d.entered(move, allowed) for d in self._directions))
 
 

@@ -117,7 +117,7 @@ class Compliance:
         self._dyads = np.concatenate([self._dyads, np.zeros((2, LEARNT, len(new)))], axis=2)
 
 
-class RowCompliance:
+class DelassusMatrix:
     """Delassus matrix W = D C D' of the rows of a step [m/N], computed for active rows.
 
     D (m, n) has the directions of all rows.

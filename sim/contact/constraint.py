@@ -127,9 +127,9 @@ class ConstraintContact(Term):
                 keys.append(other.edges[:, 0] * mesh.n_nodes + other.edges[:, 1])
         return distinct(np.concatenate(keys))
 
-    def apart(self) -> "Apart":
+    def apart(self) -> "WithoutContactEntries":
         """Return this contact without entries for its rows in the matrix of points."""
-        return Apart(self)
+        return WithoutContactEntries(self)
 
     def compile(self, layout: Layout) -> CompiledContact:
         """Lay out the directions of all pairings."""
@@ -140,7 +140,7 @@ class ConstraintContact(Term):
 
 
 @dataclass(frozen=True, eq=False)
-class Apart(Term):
+class WithoutContactEntries(Term):
     """Contact whose rows have no entries in the matrix, as declared."""
 
     contact: ConstraintContact

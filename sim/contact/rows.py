@@ -109,7 +109,7 @@ NEAREST, ENTERED, WALL, GIVEN_UP, NO_RANK = 0, 1, 2, 3, 4  #: ranks of rows
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class ContactRows:
     """Contact constraints of vertices and faces."""
 
     slot: Index  #: (k,) index of the vertex in the contact memory
@@ -153,37 +153,37 @@ class Rows:
             out[:, i] = np.bincount(at, parts[:, i], n_nodes)
         return out
 
-    def take(self, which: Index) -> "Rows":
+    def take(self, which: Index) -> "ContactRows":
         """Selection of rows."""
-        return Rows(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
+        return ContactRows(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
 
-    def joined(self, *others: "Rows") -> "Rows":
+    def joined(self, *others: "ContactRows") -> "ContactRows":
         """Concatenation of these and other rows."""
         parts = [part for part in (self, *others) if len(part)]
         if len(parts) < 2:
             return parts[0] if parts else self
         names = self.__dataclass_fields__
-        return Rows(*(np.concatenate([getattr(part, n) for part in parts]) for n in names))
+        return ContactRows(*(np.concatenate([getattr(part, n) for part in parts]) for n in names))
 
     @property
     def keys(self) -> Index:
         """Unique integer (k,) of vertex and feature."""
         return self.slot * (1 << 32) + self.place
 
-    def without(self, others: "Rows") -> "Rows":
+    def without(self, others: "ContactRows") -> "ContactRows":
         """Rows whose vertex and feature do not occur in other rows."""
         return self.take(np.flatnonzero(~np.isin(self.keys, others.keys)))
 
 
 _NONE, _REAL, _VECTOR = np.empty(0, np.int64), np.empty(0), np.empty((0, 3))
 
-NO_ROWS = Rows(
+NO_ROWS = ContactRows(
     *(_NONE, _NONE, _NONE, np.empty((0, 4), np.int64), np.empty((0, 4))),
     *(_VECTOR, _REAL, _VECTOR, _REAL, _NONE),
 )
 
 
-def at_end(rows: Rows, lift: Array, near: Rows) -> Rows:
+def at_end(rows: ContactRows, lift: Array, near: ContactRows) -> ContactRows:
     """Rows with the normals and closest points that they have at the end, if these differ.
 
     Those of the start are of first order where surfaces slide while they turn, and their pairs of forces
@@ -217,7 +217,7 @@ class RowPlaces:
     """
 
     def __init__(
-        self, pattern: SymmetricPattern, rows: Rows, names: tuple[str, ...], reach: float
+        self, pattern: SymmetricPattern, rows: ContactRows, names: tuple[str, ...], reach: float
     ) -> None:
         a, b = rows.nodes[:, FIRST], rows.nodes[:, SECOND]
         self._product = rows.weight[:, FIRST] * rows.weight[:, SECOND]
@@ -262,18 +262,18 @@ class RowPlaces:
 class Multipliers:
     """Multipliers and penalties of rows, and contact forces at given displacements."""
 
-    rows: Rows
+    rows: ContactRows
     rho: Array  #: (k,) penalties [N/m]
     normal: Array  #: (k,) multipliers along the normals [N]
     tangent: Array  #: (k, 3) tangential multipliers [N]
     bound: Array  #: (k,) bounds of friction [N]
 
     @classmethod
-    def of(cls, rows: Rows, rho: Array, normal: Array, tangent: Array) -> "Multipliers":
+    def of(cls, rows: ContactRows, rho: Array, normal: Array, tangent: Array) -> "Multipliers":
         """Multipliers with the bounds of friction by the normal ones."""
         return cls(rows, rho, normal, tangent, rows.friction * normal)
 
-    def at(self, u: Array) -> "Acting":
+    def at(self, u: Array) -> "ContactForces":
         """Contact forces at nodal displacements u (n_nodes, 3) since the start of the step."""
         r, n, rho = self.rows.displacement(u), self.rows.normal, self.rho
         along = np.einsum("ki,ki->k", n, r)
@@ -282,7 +282,7 @@ class Multipliers:
         energy = float((force * force / (2.0 * rho)).sum())
         if not (self.rows.friction > 0.0).any():
             none, zero = np.zeros(len(n)), np.zeros_like(n)
-            return Acting(gap, force, zero, zero, none > 0.0, none, 0.0, energy)
+            return ContactForces(gap, force, zero, zero, none > 0.0, none, 0.0, energy)
         across = r - along[:, None] * n
         tau = self.tangent - rho[:, None] * across
         size = np.sqrt(np.einsum("ki,ki->k", tau, tau))
@@ -295,9 +295,9 @@ class Multipliers:
         energy += dot(stored, np.ones(len(n)))
         slip = float(np.abs(across[sticks]).max()) if sticks.any() else 0.0
         turn = np.where(sticks, 0.0, share * rho)
-        return Acting(gap, force, across, friction, sticks, turn, slip, energy)
+        return ContactForces(gap, force, across, friction, sticks, turn, slip, energy)
 
-    def stiffness(self, acting: "Acting") -> Array:
+    def stiffness(self, acting: "ContactForces") -> Array:
         """Blocks (k, 3, 3), minus the derivative of the force on the vertex by r [N/m]."""
         n = self.rows.normal
         nn = n[:, :, None] * n[:, None, :]
@@ -312,7 +312,7 @@ class Multipliers:
         block += np.where(acting.sticks, self.rho, 0.0)[:, None, None] * plane
         return block + acting.turn[:, None, None] * turn
 
-    def pushing(self, acting: "Acting") -> Index:
+    def pushing(self, acting: "ContactForces") -> Index:
         """Slots of the active rows."""
         return self.rows.slot[acting.force > 0.0]
 
@@ -322,7 +322,7 @@ class Multipliers:
 
 
 @dataclass(frozen=True, eq=False)
-class Acting:
+class ContactForces:
     """Gaps and forces of rows at given displacements."""
 
     gap: Array  #: (k,) [m]
@@ -336,7 +336,7 @@ class Acting:
     slip: float  #: largest slip of a sticking contact [m]
     energy: float  #: of the augmentation [J]
 
-    def on_nodes(self, rows: Rows, n_nodes: int) -> Array:
+    def on_nodes(self, rows: ContactRows, n_nodes: int) -> Array:
         """Total forces (n_nodes, 3) on the nodes of the rows [N]."""
         return rows.spread(self.force[:, None] * rows.normal + self.friction, n_nodes)
 
@@ -346,7 +346,9 @@ class Acting:
         return max(float(miss.max(initial=0.0)), self.slip)
 
 
-def directions(pattern: SymmetricPattern, rows: Rows, along: Array | None = None) -> csr_array:
+def directions(
+    pattern: SymmetricPattern, rows: ContactRows, along: Array | None = None
+) -> csr_array:
     """D (k, n_free), motion along directions (k, 3), by default the normals, by the free unknowns."""
     along = rows.normal if along is None else along
     k = len(rows)

@@ -38,7 +38,7 @@ ROUNDING = 2.0 * SAME_DISTANCE
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class PointFacePairs:
     """Faces of points, one each or all equally close ones."""
 
     #: (k,) indices of the points with a face, ascending; the closest face of each is the first
@@ -50,11 +50,11 @@ class Found:
     #: (k,) 0 within the face; 1, 2, 3 on the edge from corner 0, 1, 2; 4, 5, 6 at a corner
     feature: Index
 
-    def take(self, which: Index) -> "Found":
+    def take(self, which: Index) -> "PointFacePairs":
         """Selection of rows."""
-        return Found(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
+        return PointFacePairs(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
 
-    def first(self) -> "Found":
+    def first(self) -> "PointFacePairs":
         """The first face of every point."""
         return self.take(np.unique(self.point, return_index=True)[1])
 
@@ -113,7 +113,7 @@ def closest_faces(
     triangles: Index,
     near: Candidates,
     away: Array = NO_NORMALS,
-) -> Found:
+) -> PointFacePairs:
     """Closest faces of every point within a radius: all equally close ones, with their distances.
 
     The radius may be infinite [m]. Faces with normals that are not opposite to the outward normals
@@ -126,7 +126,7 @@ def closest_faces(
     reach = np.array(np.broadcast_to(radius, len(points)), dtype=np.float64)
     among = reach, x, triangles, start, faces, away, SAME_DISTANCE
     n = closest(points, *among, point, face, weight, distance, feature)
-    return Found(point[:n], face[:n], weight[:n], distance[:n], feature[:n])
+    return PointFacePairs(point[:n], face[:n], weight[:n], distance[:n], feature[:n])
 
 
 def nearest_faces(
@@ -137,7 +137,7 @@ def nearest_faces(
     *,
     nodes: Index = NO_NODES,
     away: Array = NO_NORMALS,
-) -> Found:
+) -> PointFacePairs:
     """Closest face of every point within a radius, of equally close ones that of the lowest index.
 
     Arguments as of `closest_faces`; faces that contain the vertices `nodes` (n,) of the points, -1 for
@@ -157,7 +157,7 @@ def faces_within(points: Array, x: Array, triangles: Index, distance: float) -> 
 
 def entered_faces(
     before: Array, after: Array, x_before: Array, x_after: Array, triangles: Index, near: Candidates
-) -> Found:
+) -> PointFacePairs:
     """Faces that points enter first through their fronts on straight paths, with the times 0-1.
 
     Several of a point are entered at the same time. It is a root of the volume of point and triangle, a
@@ -169,13 +169,13 @@ def entered_faces(
     weight, when = np.empty((len(faces), 3)), np.empty(len(faces))
     among = triangles, start, faces, SAME_TIME
     n = int(entries(before, after, x_before, x_after, *among, point, face, when, weight))
-    return Found(point[:n], face[:n], weight[:n], when[:n], np.zeros(n, dtype=np.int64))
+    return PointFacePairs(point[:n], face[:n], weight[:n], when[:n], np.zeros(n, dtype=np.int64))
 
 
 Result = TypeVar("Result")
 
 
-class Recent(Generic[Result]):
+class CachedByPositions(Generic[Result]):
     """Function of positions with a cache of its latest results.
 
     A step evaluates the same positions several times, alternately at its start and its end; those of a
@@ -203,7 +203,7 @@ Normals = tuple[Array, Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
-class Met:
+class ContactFeatures:
     """Features that points meet, grouped by point."""
 
     point: Index  #: (k,) indices of the points
@@ -237,7 +237,7 @@ class SignedFaces:
         self._edge = np.where(paired, np.minimum(own, match), own).reshape(-1, 3)
         self._free = np.zeros(size, dtype=bool)
         self._free[surface.open_edges] = True
-        self._recent = Recent(self._normals_at)
+        self._recent = CachedByPositions(self._normals_at)
         self._at_rest: Normals | None = None
         if not isinstance(surface, NodeSurface) and surface.motion is None:
             self._at_rest = self._normals_at(surface.vertices)
@@ -269,7 +269,7 @@ class SignedFaces:
         normals(x, self.triangles, face, corner, flat)
         return face, corner, flat
 
-    def places_of(self, found: Found, x: Array) -> tuple[Found, Index]:
+    def places_of(self, found: PointFacePairs, x: Array) -> tuple[PointFacePairs, Index]:
         """Unique closest faces, edges and vertices of points, and their indices (k,).
 
         An edge has the same index for both its faces, and a vertex for all; weights are on the feature.
@@ -295,7 +295,7 @@ class SignedFaces:
         against: Array,
         blur: float,
         deepest: float,
-    ) -> Met:
+    ) -> ContactFeatures:
         """Features that points meet within a radius, from their depths outwards.
 
         They are the closest face, edge or vertex, or all equally close ones, with the mean normal of
@@ -326,9 +326,11 @@ class SignedFaces:
         about = points, radius, may, x, self.triangles, start, listed, away, SAME_DISTANCE
         signs = self.across, self._free, self._edge, by_face, by_corner, flat
         n = met(*about, *signs, blur, against, deepest, *found)
-        return Met(point[:n], face[:n], place[:n], wall[:n], weight[:n], gap[:n], normal[:n])
+        return ContactFeatures(
+            point[:n], face[:n], place[:n], wall[:n], weight[:n], gap[:n], normal[:n]
+        )
 
-    def signed(self, points: Array, found: Found, x: Array) -> tuple[Array, Array]:
+    def signed(self, points: Array, found: PointFacePairs, x: Array) -> tuple[Array, Array]:
         """Signed distances (k,), negative inside and NaN at a free edge [m], and their gradients (k, 3).
 
         Points (n, 3) and vertices x (m, 3) are in [m]; `found` is of `closest_faces`.

@@ -13,9 +13,9 @@ from sim.contact.compiled import (
     MEMORY,
     PUSH,
     CompiledContact,
-    Move,
+    StepGeometry,
 )
-from sim.contact.rows import Acting, Flags, Multipliers, RowPlaces, Rows
+from sim.contact.rows import ContactForces, ContactRows, Flags, Multipliers, RowPlaces
 from sim.pattern import SymmetricPattern
 from sim.scene import Index
 from sim.state import Array, State
@@ -28,7 +28,7 @@ TURN = 0.2  #: time of the low-pass filter of contact normals [s]
 CORRECTIONS = 4
 FARTHEST = 2.0  #: largest factor on a correction
 
-Opened = Callable[[Rows, Array], Array]
+Opened = Callable[[ContactRows, Array], Array]
 """Displacements (n_nodes, 3) that open rows by distances (k,) [m]."""
 
 SHARING, SHARED = 40, 1e-12
@@ -47,7 +47,7 @@ class ContactStep:
     ) -> None:
         self.contact, self.q0, self.tolerances = contact, state.q, contact.tolerances
         self._t0, self._t1 = state.t, t1
-        self._start = Move(state.q, state.q, state.t, t1)
+        self._start = StepGeometry(state.q, state.q, state.t, t1)
         h = t1 - state.t
         self.renewals = 0 if equilibrium else contact.renewals
         self._turn, self._way = 1.0 if equilibrium else h / TURN, h * state.v
@@ -56,18 +56,18 @@ class ContactStep:
         self._allowed = self._memory[:, ALLOWED] - self._removed
         self._before = contact.turned(self._memory[:, DIRECTION], state.t, t1)
 
-    def at_start(self, way: Array) -> Rows:
+    def at_start(self, way: Array) -> ContactRows:
         """Rows of the vertices near a face, with nodal displacements (n_nodes,) in the step [m]."""
         # A face near a vertex of a shell may have the largest displacement of all nodes.
         reach = np.r_[way, way.max(initial=0.0)][self.contact.vertex_of_slot]
         rows = self.contact.near(self._start, self._allowed, reach + self._removed)
         return self._steadied(rows)
 
-    def at(self, q: Array) -> Rows:
+    def at(self, q: Array) -> ContactRows:
         """Rows of the vertices near a face at positions q near the end of the step."""
         return self.contact.near(self._move(q), self._allowed, self._removed)
 
-    def passed(self, q: Array, near: Rows) -> Rows:
+    def passed(self, q: Array, near: ContactRows) -> ContactRows:
         """Rows of the vertices that have passed a face on their path to positions q.
 
         They are the vertices of `near` that are inside, and others that entered through a face and
@@ -84,7 +84,7 @@ class ContactStep:
         behind = ~np.isin(entered.slot, inside.slot) & (_cosines(entered, near)[1] <= 0.0)
         return inside.joined(entered.take(np.flatnonzero(behind)))
 
-    def through(self, rows: Rows, q: Array, near: Rows) -> Rows:
+    def through(self, rows: ContactRows, q: Array, near: ContactRows) -> ContactRows:
         """Rows by which penetrations at positions q are removed: those near, and `rows` without one.
 
         The initial velocities, which are independent of the rows, may carry a vertex through a thin
@@ -97,7 +97,7 @@ class ContactStep:
         rows = rows.take(np.flatnonzero(~np.isin(rows.slot, near.slot)))
         return near.joined(rows.take(np.unique(rows.keys, return_index=True)[1]))
 
-    def _steadied(self, rows: Rows) -> Rows:
+    def _steadied(self, rows: ContactRows) -> ContactRows:
         """Rows of the closest faces with low-pass filtered normals.
 
         Without the filter, a vertex at a ridge slides alternately along both faces, because normals
@@ -116,14 +116,14 @@ class ContactStep:
         every[first] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
         return replace(rows, normal=every)
 
-    def entering(self, rows: Rows) -> Rows:
+    def entering(self, rows: ContactRows) -> ContactRows:
         """Same rows with gaps limited to those allowed in this step.
 
         Other vertices that are already inside may stay, but not go deeper.
         """
         return replace(rows, gap=np.maximum(rows.gap, -self._removed[rows.slot]))
 
-    def ahead(self, rows: Rows, after: float) -> Rows:
+    def ahead(self, rows: ContactRows, after: float) -> ContactRows:
         """Rows some time [s] after the end of the step, where rigid faces keep their velocity."""
         on = after / (self._t1 - self._t0) * np.einsum("ki,ki->k", rows.normal, rows.carried)
         return replace(rows, gap=rows.gap - on)
@@ -133,7 +133,7 @@ class ContactStep:
         """Penetration of a stage's base that changes velocities considerably [m]."""
         return PASSING * float(np.abs(self._way).max(initial=0.0))
 
-    def considerable(self, rows: Rows, u: Array, pushing: Index) -> Flags:
+    def considerable(self, rows: ContactRows, u: Array, pushing: Index) -> Flags:
         """Test if rows (k,) are too deep at displacements u (n_nodes, 3) for a correction.
 
         `pushing` contains the slots of active rows.
@@ -141,7 +141,9 @@ class ContactStep:
         active, tolerances = np.isin(rows.slot, pushing), self.tolerances
         return -rows.gaps(u) > np.where(active, tolerances.considerable, tolerances.unexpected)
 
-    def moved_out(self, q: Array, near: Rows, opened: Opened, noticed: float = np.inf) -> Array:
+    def moved_out(
+        self, q: Array, near: ContactRows, opened: Opened, noticed: float = np.inf
+    ) -> Array:
         """Positions with penetrations removed along the compliance of the tissue.
 
         `near` are the rows at the positions q (n_nodes, 3) at the end of the step; `noticed` is the
@@ -160,19 +162,19 @@ class ContactStep:
             q = q + min(max(share, 0.0), FARTHEST) * move
         return q
 
-    def _move(self, q: Array) -> Move:
+    def _move(self, q: Array) -> StepGeometry:
         return replace(self._start, q=q)
 
-    def multipliers(self, rows: Rows, rho: Array) -> Multipliers:
+    def multipliers(self, rows: ContactRows, rho: Array) -> Multipliers:
         """Rows with the multipliers of their vertices from the state."""
         return _shared(rows, rho, self._memory[:, PUSH], self._memory[:, FRICTION])
 
-    def places(self, pattern: SymmetricPattern, rows: Rows) -> RowPlaces:
+    def places(self, pattern: SymmetricPattern, rows: ContactRows) -> RowPlaces:
         """Positions of the blocks of rows."""
         return RowPlaces(pattern, rows, self.contact.names, self.contact.reach)
 
     def memory(
-        self, q: Array, near: Rows, multipliers: Multipliers, acting: Acting
+        self, q: Array, near: ContactRows, multipliers: Multipliers, acting: ContactForces
     ) -> Mapping[str, Array]:
         """Contact memory of the state at the end, at positions q, with the rows."""
         new = np.zeros_like(self._memory)
@@ -193,7 +195,7 @@ class ContactStep:
         return {MEMORY: new}
 
 
-def _cosines(rows: Rows, others: Rows) -> tuple[Array, Array]:
+def _cosines(rows: ContactRows, others: ContactRows) -> tuple[Array, Array]:
     """Least and largest cosine (k,) of the normal of each row with those of other rows of its vertex.
 
     They are infinite where there is none.
@@ -209,7 +211,9 @@ def _cosines(rows: Rows, others: Rows) -> tuple[Array, Array]:
     return least, most
 
 
-def penalties(pattern: SymmetricPattern, diagonal: Array, rows: Rows, factor: float) -> Array:
+def penalties(
+    pattern: SymmetricPattern, diagonal: Array, rows: ContactRows, factor: float
+) -> Array:
     """Penalty (k,) of every row, proportional to the stiffness along its normal [N/m].
 
     diagonal (n_free,) is that of the stiffness [N/m].
@@ -222,7 +226,7 @@ def penalties(pattern: SymmetricPattern, diagonal: Array, rows: Rows, factor: fl
     return factor / felt
 
 
-def carried_over(multipliers: Multipliers, rows: Rows, rho: Array) -> Multipliers:
+def carried_over(multipliers: Multipliers, rows: ContactRows, rho: Array) -> Multipliers:
     """Other rows with the multipliers of the same vertices."""
     n = max(int(part.slot.max(initial=-1)) for part in (rows, multipliers.rows)) + 1
     push, friction = np.zeros((n, 3)), np.zeros((n, 3))
@@ -231,7 +235,9 @@ def carried_over(multipliers: Multipliers, rows: Rows, rho: Array) -> Multiplier
     return _shared(rows, rho, push, friction)
 
 
-def renewed(rows: Rows, force: Array, near: Rows, u: Array) -> tuple[Array, Array] | None:
+def renewed(
+    rows: ContactRows, force: Array, near: ContactRows, u: Array
+) -> tuple[Array, Array] | None:
     """Change of active rows by the normals and closest points of others: of nodal forces, and of gaps.
 
     `force` (k,) are the normal forces of the rows [N], `near` the rows of the same vertices at the end
@@ -255,7 +261,7 @@ def renewed(rows: Rows, force: Array, near: Rows, u: Array) -> tuple[Array, Arra
     return change - before.spread(size[:, None] * before.normal, n_nodes), gap
 
 
-def _shared(rows: Rows, rho: Array, push: Array, friction: Array) -> Multipliers:
+def _shared(rows: ContactRows, rho: Array, push: Array, friction: Array) -> Multipliers:
     """Distribute normal forces among all rows of a vertex, and friction to the closest one.
 
     The multipliers are those >= 0 whose sum along the normals is closest to the force. They are
@@ -281,7 +287,7 @@ def _shared(rows: Rows, rho: Array, push: Array, friction: Array) -> Multipliers
 
 
 def pressed(
-    rows: Rows,
+    rows: ContactRows,
     wanted: Array,
     pushing: Index,
     pattern: SymmetricPattern,

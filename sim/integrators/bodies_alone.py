@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sim._kernels.body_tables import Flags, Led, Scratch
+from sim._kernels.body_tables import Flags, PrescribedBodies, Scratch
 from sim._kernels.multibody import advance_bodies, change_of_bodies, place_bodies
 from sim.joints.compiled import DRIFT, PROJECTIONS
 from sim.joints.contract import REACTIONS
@@ -85,7 +85,7 @@ class BodiesAlone:
         change_of_bodies(tables.table, tables.lines, self.scratch, frames, activation, d, change)
         return d, change
 
-    def _led(self, times: Sequence[float]) -> Led:
+    def _led(self, times: Sequence[float]) -> PrescribedBodies:
         """Motion of prescribed bodies at some times."""
         led, maps = self.tables.led, self.system.kinematics
         n, k = len(times), len(led)
@@ -95,7 +95,7 @@ class BodiesAlone:
             whole = maps.rest_frames.copy()
             maps.prescribe(whole, times[i])
             frames[i], twists[i] = whole[led], maps.prescribed_twists(times[i])[led]
-        return Led(led, frames, twists)
+        return PrescribedBodies(led, frames, twists)
 
 
 @dataclass(frozen=True, eq=False)

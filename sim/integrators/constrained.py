@@ -4,6 +4,7 @@ import numpy as np
 
 from sim.dense import dot
 from sim.errors import NotConverged
+from sim.integrators.contact_potential import SchurContactUnderConstraints
 from sim.integrators.newton import (
     Iteration,
     Point,
@@ -14,7 +15,6 @@ from sim.integrators.newton import (
     line_search,
     rounding_of,
 )
-from sim.integrators.touching import TouchingConstrained
 from sim.integrators.workspace import Workspace
 from sim.state import Array
 
@@ -45,7 +45,7 @@ def minimise_constrained(
         if work.constraints.multipliers is not None
         else np.zeros(conditions.n)
     )
-    rows = potential if isinstance(potential, TouchingConstrained) else None
+    rows = potential if isinstance(potential, SchurContactUnderConstraints) else None
     residuals: list[float] = []
     rho, shortest, factorisations, shifts, last = 0.0, 1.0, 0, 0, np.inf
     for iteration in range(1, tolerances.max_iterations + 1):

@@ -6,12 +6,17 @@ from functools import partial
 
 import numpy as np
 
-from sim.contact.rows import GIVEN_UP, Multipliers, Rows, at_end
+from sim.contact.rows import GIVEN_UP, ContactRows, Multipliers, at_end
 from sim.contact.step import ContactStep, Opened, carried_over, penalties, renewed
 from sim.errors import NotConverged
+from sim.integrators.contact_potential import (
+    AssembledContact,
+    PointInContact,
+    SchurContact,
+    SchurContactUnderConstraints,
+)
 from sim.integrators.factor import alike
 from sim.integrators.newton import Iteration, Point, Potential
-from sim.integrators.touching import InContact, TouchingApart, TouchingConstrained, TouchingInMatrix
 from sim.integrators.workspace import Workspace
 from sim.scene import Index
 from sim.state import Array, Evaluation, Pose, require_upright
@@ -20,13 +25,13 @@ SLOW, STIFFER = 0.5, 4.0  #: ratio of gaps above which the penalty is increased,
 FRICTION_SETTLED = 1e-3  #: relative tolerance of the bounds of friction
 UPDATES, RENEWALS = 200, 20  #: largest numbers of updates of multipliers and of rows
 
-Replaced = tuple[Multipliers, Rows, Array]
+Replaced = tuple[Multipliers, ContactRows, Array]
 """Rows with forces, those at the end, and displacements (n_nodes, 3) [m], when rows were renewed."""
 Minimise = Callable[[Potential, Point], tuple[Point, Iteration]]
 
 
 @dataclass(frozen=True)
-class Settled:
+class ContactSolution:
     """Result of an iteration with contact."""
 
     point: Point  #: of the potential
@@ -37,11 +42,11 @@ class Settled:
     memory: Mapping[str, Array]  #: arrays for the next step
     #: (n_nodes, 3) contact forces at the end, and for released vertices those at the start [N]
     pushed: Array
-    active: Rows  #: with contact forces
-    near: Rows  #: at the end
+    active: ContactRows  #: with contact forces
+    near: ContactRows  #: at the end
     #: state of the solver at the end
     step: ContactStep
-    touching: TouchingInMatrix | TouchingApart
+    touching: AssembledContact | SchurContact
     opened: Opened
     work: Workspace
     #: change of rows when they were first renewed, if they were
@@ -96,7 +101,7 @@ class Settled:
         """As `outside`, of all rows: vertices would rebound from a face that their base has passed."""
         return self._moved_out(pose, self.touching.multipliers.rows, after)
 
-    def _moved_out(self, pose: Pose, rows: Rows, after: float) -> Pose:
+    def _moved_out(self, pose: Pose, rows: ContactRows, after: float) -> Pose:
         step = self.step
         q = step.moved_out(pose.q, step.ahead(rows, after), self.opened, step.passing)
         return pose if q is pose.q else replace(pose, q=q)
@@ -113,7 +118,7 @@ def minimise_in_contact(
     until: float,
     most: float = np.inf,
     start_closed: bool = False,
-) -> Settled:
+) -> ContactSolution:
     """Minimum of a potential with the rows of a contact.
 
     The augmented potential is minimised and the multipliers are set to the resulting forces, repeatedly
@@ -137,15 +142,15 @@ def minimise_in_contact(
     """
     settled = step.tolerances.converged
     pattern, in_matrix = potential.system.point_pattern, step.contact.in_matrix
-    penalty = (TouchingInMatrix if in_matrix else TouchingApart).penalty
+    penalty = (AssembledContact if in_matrix else SchurContact).penalty
 
-    def touched(multipliers: Multipliers) -> TouchingInMatrix | TouchingApart:
+    def touched(multipliers: Multipliers) -> AssembledContact | SchurContact:
         if not in_matrix:
             constrained = potential.system.constraints is not None
-            kind = TouchingConstrained if constrained else TouchingApart
+            kind = SchurContactUnderConstraints if constrained else SchurContact
             return kind(potential, multipliers, step.q0)
         places = step.places(pattern, multipliers.rows)
-        return TouchingInMatrix(potential, multipliers, step.q0, places)
+        return AssembledContact(potential, multipliers, step.q0, places)
 
     diagonal = _stiffness_met(potential, start, key, work)
     rows = step.at_start(way)
@@ -164,7 +169,7 @@ def minimise_in_contact(
         if went is not None and went.iterations > most:
             break
         end, more = minimise(touching, touching.with_contact(point))
-        assert isinstance(end, InContact)  # made by `touching`
+        assert isinstance(end, PointInContact)  # made by `touching`
         went = more if went is None else went.joined(more)
         u = end.pose.q - step.q0
         acting, point = touching.settled(end), end.alone
@@ -208,7 +213,7 @@ def minimise_in_contact(
                 pushed += first.take(released).spread(begun[released], len(q))
                 active = multipliers.rows.take(np.flatnonzero(acting.force > 0.0))
                 solver = step, touching, opened, work, replaced
-                return Settled(point, q, here, went, memory, pushed, active, near, *solver)
+                return ContactSolution(point, q, here, went, memory, pushed, active, near, *solver)
         renewals += 1
         new = near.joined(passed.without(near))
         contested = np.union1d(contested, new.slot[new.gaps(u) < -step.tolerances.residual])
@@ -246,7 +251,7 @@ def moved_upright(potential: Potential, point: Point, q: Array, until: float) ->
     return replace(point.here, smallest_J=least, element=element)
 
 
-def _given_up(old: Rows, new: Rows, contested: Index) -> Rows:
+def _given_up(old: ContactRows, new: ContactRows, contested: Index) -> ContactRows:
     """Previous rows that are kept to prevent cycling.
 
     A vertex in a groove between two faces may be separated from one and then penetrate the other, in

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sim.contact.compliance import learnt
-from sim.contact.rows import NO_ROWS, Rows, at_end
+from sim.contact.rows import NO_ROWS, ContactRows, at_end
 from sim.contact.step import ContactStep, renewed
 from sim.dense import dot, inverse
 from sim.errors import NotConverged
@@ -54,7 +54,7 @@ NOTHING: Mapping[str, Array] = {}  #: memory without contact
 
 @dataclass(frozen=True, eq=False)
 class StageInContact:
-    """End of a stage with rows, with the methods of `contact_converged.Settled`."""
+    """End of a stage with rows, with the methods of `contact_converged.ContactSolution`."""
 
     point: Point
     pose: Pose  #: with penetrations removed
@@ -62,8 +62,8 @@ class StageInContact:
     memory: Mapping[str, Array]
     pushed: Array  #: (n_points, 3) contact forces at the end [N]
     reaction: Array | None  #: forces of joints
-    rows: Rows
-    near: Rows  #: at the end
+    rows: ContactRows
+    near: ContactRows  #: at the end
     at: RowsAt
     f: Array  #: (m,) forces of all rows
     step: ContactStep | None
@@ -267,13 +267,13 @@ class StageWithRows:
                 break
         return f, u
 
-    def _at(self, rows: Rows, point: Point) -> RowsAt:
+    def _at(self, rows: ContactRows, point: Point) -> RowsAt:
         """Rows at a point, with their derivatives by its motion."""
         joints = None if self._system.rows is None else joint_rows(self._phi, point.d)
         return self._rows.at(rows, point.pose, joints, point.d)
 
     def _settled(
-        self, rows: Rows, point: Point, made_here: bool, f: Array | None
+        self, rows: ContactRows, point: Point, made_here: bool, f: Array | None
     ) -> tuple[Point, RowsAt, Array]:
         """Motion under some rows, the rows there and their forces, from initial ones."""
         phi, tolerances = self._phi, self._tolerances

@@ -114,7 +114,7 @@ If no step exceeds the second, neither does their sum reach the share that is wa
 
 
 @dataclass(frozen=True)
-class Turned:
+class TurnedStep:
     """A step that may have turned tissue: h [s], share `theta` of the new velocity, and its ends."""
 
     state: State
@@ -127,7 +127,7 @@ class Turned:
     reaction: Array | None  #: (m,) forces of the rows of joints [N], [N m]
 
 
-def swing_of(system: System, step: Turned, f0: Array, f1: Array, pushed: Array) -> Swing:
+def swing_of(system: System, step: TurnedStep, f0: Array, f1: Array, pushed: Array) -> Swing:
     """Energies of a step with forces f0 and f1 (n_points, 3) [N] at its ends, `pushed` of contact.
 
     A rotation by an angle within a step stretches tissue by half its square, because displacements
@@ -180,7 +180,7 @@ def swing_of(system: System, step: Turned, f0: Array, f1: Array, pushed: Array) 
     return Swing(kinetic, damped, given_back, node)
 
 
-def _of_joints(system: System, step: Turned) -> Array:
+def _of_joints(system: System, step: TurnedStep) -> Array:
     """Generalised forces (n,) of the rows of joints, those of the solution."""
     force = np.zeros_like(step.w1)
     if system.rows is not None and step.reaction is not None:

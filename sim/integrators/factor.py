@@ -95,7 +95,7 @@ class AnalysedSolver:
 Solve = Callable[[Array], Array]
 
 
-class SecantMemory:
+class LBFGS:
     """Limited-memory BFGS inverse Hessian, from the latest steps and gradient changes.
 
     A factor can be reused in many steps, because each pair (s, y) contains the difference of the
@@ -130,7 +130,7 @@ class SecantMemory:
         return z
 
 
-class InverseSecants:
+class CompactBFGS:
     """Compact BFGS H = H0 + E' M E of an inverse H0, with the latest steps and H0 y in E.
 
     Source: Byrd, Nocedal and Schnabel 1994, Representations of quasi-Newton matrices and their use
@@ -202,7 +202,7 @@ class NewtonFactor:
         self._solver, self._timed = solver, timed
         self.key: Key | None = None
         self.number = 0
-        self.secants, self.inverse_secants = SecantMemory(), InverseSecants()
+        self.secants, self.inverse_secants = LBFGS(), CompactBFGS()
         self._made_of: Array | None = None
         self._beside: Matrix | None = None
 

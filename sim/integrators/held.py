@@ -3,7 +3,7 @@
 import numpy as np
 
 from sim.dense import solved
-from sim.joints.compiled import ROWS, Rows
+from sim.joints.compiled import ROWS, CompiledJoints
 from sim.joints.contract import REACTIONS
 from sim.pattern import Flags
 from sim.state import Array, Control, State
@@ -23,7 +23,7 @@ def free_acceleration(system: System, state: State, control: Control) -> Array:
 
 
 def held_acceleration(
-    system: System, rows: Rows, a: Array, state: State, pressed: Flags | None = None
+    system: System, rows: CompiledJoints, a: Array, state: State, pressed: Flags | None = None
 ) -> tuple[Array, Array]:
     """Accelerations (n,) under rigid rows, G dw/dt + dG/dt w + ddrift/dt = 0, and their forces (m,).
 

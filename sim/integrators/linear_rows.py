@@ -7,13 +7,13 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sim.contact.compliance import Compliance, learnt
-from sim.contact.rows import NO_ROWS, Rows
+from sim.contact.rows import NO_ROWS, ContactRows
 from sim.contact.step import ContactStep
 from sim.errors import NotConverged
 from sim.integrators.rows_of_step import STILL, JointRows, RowsAt, RowsOfStep, inverted
 from sim.integrators.step_solver import LinearStep, Solution
 from sim.integrators.workspace import Workspace
-from sim.joints.compiled import Rows as JointTable
+from sim.joints.compiled import CompiledJoints
 from sim.linear.equations import Equations
 from sim.state import Array, Pose, State
 from sim.system import System
@@ -30,7 +30,7 @@ EXACT = 0.01  #: relative error of the Delassus matrix below which it is not upd
 
 
 @dataclass(frozen=True)
-class UnderRows:
+class StepUnderRows:
     """End of a step under rows.
 
     `solution` is that of the velocities, and solves roughly under the rows that act at the end.
@@ -44,8 +44,8 @@ class UnderRows:
     pose: Pose
     memory: Mapping[str, Array]
     pushed: Array
-    near: Rows
-    active: Rows
+    near: ContactRows
+    active: ContactRows
     reaction: Array | None
     held: Callable[[Array], tuple[Array, Array]]
 
@@ -83,7 +83,7 @@ class LinearRows:
         known = None if system.constraints is not None else inverted(equation.A, equation.rhs)
         self._inverse, self._found = known or (None, Solution(equation.rhs))
         self._guess = self._found.x if known else work.steps.extrapolated(state.t, h, self._w0)
-        self._last: tuple[Rows, RowsAt, Array, Array] | None = None
+        self._last: tuple[ContactRows, RowsAt, Array, Array] | None = None
         contact = system.contact
         self._step = None if contact is None else ContactStep(contact, state, self._until)
         left = 0.0 if self._step is None else self._step.tolerances.residual
@@ -140,7 +140,7 @@ class LinearRows:
             self._compliance().learn(at.G.T @ f, self._h**2 * w)
         return max(largest, size)
 
-    def _lay_out_joints(self, rows: JointTable) -> None:
+    def _lay_out_joints(self, rows: CompiledJoints) -> None:
         """Rows of joints, and equations of the rigid ones if the solutions satisfy them."""
         h = self._h
         now, time = rows.evaluate(self._start), np.where(rows.unilateral, h, h + rows.damping_time)
@@ -154,7 +154,7 @@ class LinearRows:
             own = rows.columns, now.G[self._rigid], -now.drift[self._rigid]
             self._equations = Equations(*own)
 
-    def _begin(self, rows: Rows, at: RowsAt) -> tuple[Array, Array]:
+    def _begin(self, rows: ContactRows, at: RowsAt) -> tuple[Array, Array]:
         """Initial velocities (n,) and forces (m,): those of the last rows, or of the last step."""
         f = np.zeros(len(at.value))
         if self._inverse is not None:
@@ -179,7 +179,7 @@ class LinearRows:
 
     # -- the step ----------------------------------------------------------------------------------
 
-    def solve(self) -> UnderRows:
+    def solve(self) -> StepUnderRows:
         """Velocities and pose at the end.
 
         Raises NotConverged if the forces did not converge, or new rows appear in every iteration;
@@ -233,7 +233,7 @@ class LinearRows:
             assert self._found.roughly is not None  # every solution of a step has it
             return at.kept(on, rhs, self._found.roughly)[0]
 
-        return UnderRows(
+        return StepUnderRows(
             replace(self._found, x=w, roughly=roughly),
             pose,
             memory,
@@ -244,7 +244,7 @@ class LinearRows:
             held,
         )
 
-    def _under_some(self, rows: Rows) -> tuple[Rows, RowsAt, Array, Array]:
+    def _under_some(self, rows: ContactRows) -> tuple[ContactRows, RowsAt, Array, Array]:
         """Those rows that may become active, with velocities (n,) and forces (m,) under all of them."""
         if self._step is None or self._inverse is not None:
             return rows, *self.under(rows)
@@ -264,7 +264,7 @@ class LinearRows:
                 return some, at, w, f
             on |= more
 
-    def under(self, rows: Rows) -> tuple[RowsAt, Array, Array]:
+    def under(self, rows: ContactRows) -> tuple[RowsAt, Array, Array]:
         """Rows, and velocities (n,) and forces (m,) under them."""
         A, rhs, h = self._equation.A, self._equation.rhs, self._h
         at = self._rows.at(rows, self._start, self._joints)

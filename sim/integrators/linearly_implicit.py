@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from sim.errors import InvertedElement
-from sim.integrators.estimate import Turned, of_input, relaxed, swing_of
+from sim.integrators.estimate import TurnedStep, of_input, relaxed, swing_of
 from sim.integrators.linear_rows import LinearRows
-from sim.integrators.step_solver import LinearStep, Missed, Solution
+from sim.integrators.step_solver import LinearStep, Solution, StepEstimates
 from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS
 from sim.linear import NotReached
@@ -133,7 +133,7 @@ def linear_step(
             assert found.roughly is not None  # Set by every solution of a step.
             at_end = at_end or system.force(pose.q, missed.line.at(1.0))
             reaction = under.reaction if under else None
-            step = Turned(
+            step = TurnedStep(
                 state, pose, v1, moves, missed.line, missed.D.force, found.roughly, reaction
             )
             pushed = under.pushed if under else np.zeros_like(pose.q)
@@ -157,7 +157,7 @@ def linear_step(
 def _estimate(
     system: System,
     state: State,
-    missed: Missed,
+    missed: StepEstimates,
     found: Solution,
     pushed: Array,
     end: Pose,

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sim.contact.cone import Blocks, forces
-from sim.contact.rows import Acting, Multipliers, Rows, across
+from sim.contact.rows import ContactForces, ContactRows, Multipliers, across
 from sim.contact.step import CORRECTIONS, ContactStep
 from sim.dense import held, reported
 from sim.errors import NotConverged
@@ -127,15 +127,17 @@ class RowsAt:
         open_by = np.where(equation, np.abs(r), -r)[self.compliance[:j] == 0.0]
         return float(open_by.max(initial=0.0))
 
-    def acting(self, f: Array, gap: Array) -> Acting:
+    def acting(self, f: Array, gap: Array) -> ContactForces:
         """Contact forces of the forces (m,) of rows, with gaps (k,)."""
         friction = np.zeros((len(gap), 3))
         for i, e in enumerate(self.tangents):
             friction[self.rub] += f[self.first[self.rub] + 1 + i, None] * e
         none = np.zeros(len(gap))
-        return Acting(gap, f[self.first], 0.0 * friction, friction, none > 0.0, none, 0.0, 0.0)
+        return ContactForces(
+            gap, f[self.first], 0.0 * friction, friction, none > 0.0, none, 0.0, 0.0
+        )
 
-    def carried(self, rows: Rows, before: Rows, known: "RowsAt", f: Array) -> Array:
+    def carried(self, rows: ContactRows, before: ContactRows, known: "RowsAt", f: Array) -> Array:
         """Forces (m,) that these rows had among earlier ones with forces f, zero for new ones."""
         out, j = np.zeros(len(self.value)), self.joints
         out[:j] = f[:j]
@@ -210,7 +212,7 @@ class RowsOfStep:
         assert self._contact is not None  # callers have rows of contact
         return self._contact
 
-    def _directions(self, rows: Rows, pose: Pose, of: Index, e: Array) -> csr_array:
+    def _directions(self, rows: ContactRows, pose: Pose, of: Index, e: Array) -> csr_array:
         """Derivatives (m, n) by the velocities of the motions of rows `of` (m,) along e (m, 3)."""
         m, n_points = len(of), len(pose.q)
         column = (3 * rows.nodes[of][:, :, None] + np.arange(3)).reshape(m, 12)
@@ -220,7 +222,7 @@ class RowsOfStep:
         return csr_array(N @ self._system.kinematics.matrix(pose))
 
     def at(
-        self, rows: Rows, pose: Pose, joints: JointRows | None = None, d: Array | None = None
+        self, rows: ContactRows, pose: Pose, joints: JointRows | None = None, d: Array | None = None
     ) -> RowsAt:
         """Rows at a pose, with derivatives by the velocities there, or by the motion d (n,) to it."""
         k, n = len(rows), self._system.pattern.n
@@ -264,14 +266,18 @@ class RowsOfStep:
         parts = blocks, before, slot, first, rub, tangents, remembered
         return RowsAt(slopes, value, compliance, *parts, self._scale, np.zeros((0, 0)))
 
-    def missed(self, rows: Rows, acting: Acting, pose: Pose, near: Rows) -> Rows:
+    def missed(
+        self, rows: ContactRows, acting: ContactForces, pose: Pose, near: ContactRows
+    ) -> ContactRows:
         """Rows that a motion to a pose violates beyond a small correction; `near` are those there."""
         step = self._step
         passed = step.passed(pose.q, near)
         deep = step.considerable(passed, pose.q - step.q0, rows.slot[acting.force > 0.0])
         return passed.take(np.flatnonzero(deep)).without(rows)
 
-    def moved_out(self, pose: Pose, near: Rows, *, search: bool = True) -> tuple[Pose, Rows]:
+    def moved_out(
+        self, pose: Pose, near: ContactRows, *, search: bool = True
+    ) -> tuple[Pose, ContactRows]:
         """Pose with penetrations removed by the least motion in the norm of the matrix, and its rows.
 
         With `search` rows are searched at every pose. Raises NotConverged if the forces that close the

@@ -10,7 +10,7 @@ import numpy as np
 from sim.contact.step import ContactStep
 from sim.errors import SceneError
 from sim.integrators.constrained import minimise_constrained
-from sim.integrators.contact_converged import Settled, minimise_in_contact, moved_upright
+from sim.integrators.contact_converged import ContactSolution, minimise_in_contact, moved_upright
 from sim.integrators.contact_stage import StageInContact, StageWithRows
 from sim.integrators.estimate import of_input, relaxed
 from sim.integrators.newton import (
@@ -65,14 +65,14 @@ class Iterative(Tolerances):
 
 
 @dataclass(frozen=True)
-class Solved:
+class StageSolution:
     """Pose and independent velocities w (n,) at the end of a stage, its iteration, and its rows."""
 
     pose: Pose
     w: Array
     here: Evaluation
     went: Iteration
-    contact: Settled | StageInContact | None = None
+    contact: ContactSolution | StageInContact | None = None
 
     @property
     def reaction(self) -> Array | None:
@@ -85,7 +85,7 @@ class Solved:
         return {} if self.contact is None else self.contact.memory
 
 
-Parts = Sequence[tuple[float, Solved]]
+Parts = Sequence[tuple[float, StageSolution]]
 """Stages of a step with their weights in the method."""
 
 
@@ -103,7 +103,7 @@ class Converged(Iterative):
         state: State,
         work: Workspace,
         here: Evaluation | None = None,
-    ) -> Solved:
+    ) -> StageSolution:
         """Solve a stage; `here` is the evaluation at the state's positions under its control."""
         varies = system.kinematics.matrix_varies
         phi = (VaryingInertia if varies else IncrementalPotential)(system, stage, work)
@@ -120,10 +120,10 @@ class Converged(Iterative):
             here = done.point.here
             if contact is not None:
                 here = moved_upright(phi, done.point, done.pose.q, stage.t)
-            return Solved(done.pose, phi.velocities(done.point.d), here, done.went, done)
+            return StageSolution(done.pose, phi.velocities(done.point.d), here, done.went, done)
         if contact is None:
             end, went = settle(phi, start)
-            return Solved(end.pose, phi.velocities(end.d), end.here, went)
+            return StageSolution(end.pose, phi.velocities(end.d), end.here, went)
         v = system.kinematics.displacements(stage.u, stage.base)
         way = np.linalg.norm(stage.base.q + stage.s * v - state.q, axis=1)
         # Hard landings take up to 150 iterations in all, ordinary steps about ten.
@@ -131,7 +131,7 @@ class Converged(Iterative):
         found = minimise_in_contact(phi, start, contact, way, key, work, settle, stage.t, most)
         end = found.point
         pose = replace(end.pose, q=found.q)
-        return Solved(pose, phi.velocities(end.d), found.here, found.went, found)
+        return StageSolution(pose, phi.velocities(end.d), found.here, found.went, found)
 
     def _freed(
         self,
@@ -140,7 +140,7 @@ class Converged(Iterative):
         momentum: Array,
         D: Matrix,
         s: float,
-        end: Solved,
+        end: StageSolution,
         work: Workspace,
     ) -> Array:
         """Return an error estimate at the end of a stage without the contribution of a jump of the load.
@@ -187,7 +187,7 @@ class Converged(Iterative):
         control: ControlAt,
         line: Line,
         s: float,
-        end: Solved,
+        end: StageSolution,
         work: Workspace,
     ) -> Array | None:
         """Error of the positions by the activation that the line misses, as of `of_input`."""
@@ -195,7 +195,7 @@ class Converged(Iterative):
         return of_input(system, control, line, s, solve, end.pose)
 
 
-def _solved_at(end: Solved, system: System, work: Workspace, rhs: Array) -> Array:
+def _solved_at(end: StageSolution, system: System, work: Workspace, rhs: Array) -> Array:
     """Solution with the matrix of a stage, under the rows that act at its end."""
     if end.contact is not None:
         return end.contact.held(rhs)
@@ -205,7 +205,7 @@ def _solved_at(end: Solved, system: System, work: Workspace, rhs: Array) -> Arra
 
 
 def final_state(
-    system: System, end: Solved, w: Array, memory: Mapping[str, Array], h: float
+    system: System, end: StageSolution, w: Array, memory: Mapping[str, Array], h: float
 ) -> State:
     """State of a step that ends with a stage, with velocities w, brought back to the rows of joints."""
     pose, rows = end.pose, system.rows
@@ -219,7 +219,7 @@ APPROACH: Final = 1e-9
 """Travel towards the limit of a joint within a step above which the limit is hit [m, rad]."""
 
 
-def hits_limit(system: System, state: State, end: Solved, h: float) -> bool:
+def hits_limit(system: System, state: State, end: StageSolution, h: float) -> bool:
     """Return True if a limit of a joint stops a motion towards it in a step of length h.
 
     The velocity then changes at once. A stage of a method of second order would extrapolate this change
@@ -258,7 +258,7 @@ def middle_damping(system: System, state: State, control: Line, h: float) -> Mat
 
 def report_of(
     h: float,
-    stages: list[Solved],
+    stages: list[StageSolution],
     local_error: Array | None = None,
     input_error: Array | None = None,
     contact_error: Array | None = None,

@@ -49,7 +49,7 @@ class Solution:
 
 
 @dataclass(frozen=True)
-class Missed:
+class StepEstimates:
     """Data for the error estimate of a step, and for the test of its stability."""
 
     line: Line  #: activation over the step
@@ -66,7 +66,7 @@ class LinearStep:
     A: Matrix  #: for the velocities
     rhs: Array  #: (n_free,) right-hand side [N s]
     moves: float  #: share of the new velocity in the motion
-    missed: Missed  #: what one linear solution leaves
+    missed: StepEstimates  #: what one linear solution leaves
 
 
 class StepSolver:

@@ -10,7 +10,7 @@ import numpy as np
 from sim.checks import real_numbers, require
 from sim.integrators.linearly_implicit import (
     LinearStep,
-    Missed,
+    StepEstimates,
     momentum_at,
     predicted_pose,
     step_of,
@@ -122,7 +122,7 @@ class _Linearised:
             w0 = kinematics.velocities(state)
             left = (1.0 - theta) / theta
             rhs = rhs + left * kinematics.apply_mass(w0, predicted) - left * A.times(w0)
-        missed = Missed(line, D, here, self.estimated, control)
+        missed = StepEstimates(line, D, here, self.estimated, control)
         return LinearStep(A, rhs + h * force, theta, missed)
 
 

@@ -6,7 +6,7 @@ from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 
-from sim.contact.rows import Rows
+from sim.contact.rows import ContactRows
 from sim.contact.step import ContactStep
 from sim.dense import held, least
 from sim.errors import SceneError
@@ -15,8 +15,7 @@ from sim.integrators.linear_rows import LinearRows
 from sim.integrators.step_solver import LinearStep
 from sim.integrators.workspace import Workspace
 from sim.inverse.active_forces import NEAR, ActiveForces, require_affine
-from sim.joints.compiled import REDUNDANT, ROWS
-from sim.joints.compiled import Rows as JointRows
+from sim.joints.compiled import REDUNDANT, ROWS, CompiledJoints
 from sim.state import Array, Control, ControlAt, Line, Pose, State, StepReport
 from sim.system import System, stiffness_matrix
 
@@ -200,7 +199,7 @@ def equilibrium_response(
     return under_normals(X[: len(F)], X[len(F) :], N, 0.0).T
 
 
-def _force_slope(rows: JointRows, pose: Pose, f: Array, left: Array) -> Array:
+def _force_slope(rows: CompiledJoints, pose: Pose, f: Array, left: Array) -> Array:
     """Derivatives (m, n_muscles) of the forces of rows, with G'df = left (k, n_muscles)."""
     out = np.zeros((len(f), left.shape[1]))
     on = ~rows.unilateral | (f > 0.0)
@@ -231,7 +230,7 @@ def _differences(
     return rows
 
 
-def generalised_normals(system: System, rows: Rows, pose: Pose) -> Array:
+def generalised_normals(system: System, rows: ContactRows, pose: Pose) -> Array:
     """Generalised directions (k, n) of contact rows."""
     out = np.zeros((len(rows), system.pattern.n))
     for j in range(len(rows)):

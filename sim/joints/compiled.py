@@ -32,11 +32,11 @@ class RowValues:
     """Rows at a pose."""
 
     c: Array  #: (m,) values [m or rad]
-    G: Array  #: (m, k) derivatives by the velocities of `Rows.columns`
+    G: Array  #: (m, k) derivatives by the velocities of `CompiledJoints.columns`
     drift: Array  #: (m,) rates due to prescribed motions
 
 
-class Rows:
+class CompiledJoints:
     """Rows laid out for a scene.
 
     Raises SceneError if a body does not exist, a row depends on fixed bodies only, or a rigid row

@@ -22,7 +22,7 @@ from sim.kinematics.chains import Chains
 from sim.kinematics.congruence import Congruence, lay_out
 from sim.kinematics.contract import Kinematics
 from sim.kinematics.paths import Path, Paths
-from sim.linear.contract import Product
+from sim.linear.contract import LowRankTerm
 from sim.pattern import Index, Sparsity, SymmetricPattern
 from sim.state import Array, Pose, State
 
@@ -306,7 +306,7 @@ class Articulated(Kinematics):
             values[self._block] += turning[:, *_UPPER]
         return values
 
-    def product(self, part: Product, pose: Pose) -> Product:
+    def product(self, part: LowRankTerm, pose: Pose) -> LowRankTerm:
         """A product multiplied by the rows of R that are not constant."""
         R = self.matrix(pose)
         shape = len(self._compact) - 1, R.shape[1]

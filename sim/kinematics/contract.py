@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import csr_array
 
-from sim.linear.contract import Product
+from sim.linear.contract import LowRankTerm
 from sim.pattern import Index, Sparsity, SymmetricPattern
 from sim.state import Array, Pose, State
 
@@ -94,7 +94,7 @@ class Kinematics:
         """Values of R'K R - dR'f on `pattern`, from values K on the pattern of the points."""
         return K
 
-    def product(self, part: Product, pose: Pose) -> Product:
+    def product(self, part: LowRankTerm, pose: Pose) -> LowRankTerm:
         """Transform a matrix-free product over the components of points to one over w."""
         return part
 

@@ -88,7 +88,7 @@ def symmetric_product(pattern: Sparsity, values: Array, x: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Product:
+class LowRankTerm:
     """The matrix G' diag(k) G, or R'G' diag(k) G R."""
 
     G: csr_array  #: (m, n_free) sparse
@@ -101,7 +101,7 @@ class Product:
             return self.G.T @ (self.k * (self.G @ x))
         return self.R.T @ (self.G.T @ (self.k * (self.G @ (self.R @ x))))
 
-    def scaled(self, factor: float) -> "Product":
+    def scaled(self, factor: float) -> "LowRankTerm":
         """The same matrix multiplied by a number."""
         return replace(self, k=factor * self.k)
 
@@ -112,7 +112,7 @@ class Matrix:
 
     pattern: Sparsity
     values: Array  #: (pattern.nnz,)
-    products: tuple[Product, ...] = ()
+    products: tuple[LowRankTerm, ...] = ()
     #: values that replace the products in a factorisation, on the pattern
     stand_in: Callable[[], Array] | None = None
     #: (n,) or None; for a damping matrix, the force due to prescribed velocities and to forces that are
@@ -136,9 +136,9 @@ class Matrix:
         return self.values if self.stand_in is None else self.values + self.stand_in()
 
 
-def merged(products: Sequence[Product]) -> tuple[Product, ...]:
+def merged(products: Sequence[LowRankTerm]) -> tuple[LowRankTerm, ...]:
     """Sum of products, combined if their G are equal."""
-    found: list[Product] = []
+    found: list[LowRankTerm] = []
     for part in products:
         same = [i for i, other in enumerate(found) if _same(other, part)]
         if same:
@@ -148,7 +148,7 @@ def merged(products: Sequence[Product]) -> tuple[Product, ...]:
     return tuple(found)
 
 
-def _same(one: Product, other: Product) -> bool:
+def _same(one: LowRankTerm, other: LowRankTerm) -> bool:
     a, b = one.G, other.G
     if (one.R is None) != (other.R is None) or (
         one.R is not None and other.R is not None and one.R.data is not other.R.data

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim._kernels.reduced_contact import contact_rows, push_apart
-from sim.contact.compiled import CompiledContact, Direction
+from sim.contact.compiled import CompiledContact, VertexFaceContact
 from sim.contact.search import Candidates, SignedFaces
 from sim.contact.surfaces import NodeSurface, RigidShell
 from sim.errors import SceneError
@@ -37,7 +37,7 @@ FASTEST = 0.02  #: speed at which points that are too deep are moved out [m/s]
 class _Side:
     """Points of one surface against the faces of the other."""
 
-    direction: Direction
+    direction: VertexFaceContact
     own: Index  #: (n,) points of the direction that are kept
     slots: Index  #: (n,) their slots in the contact at full order
     ends: Index  #: (n, 2) vertices between which they are

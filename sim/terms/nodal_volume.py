@@ -14,7 +14,7 @@ from sim._kernels import volume as kernel
 from sim.assembly import element_pair_keys, grouped, slots
 from sim.checks import real_numbers
 from sim.dense import dot
-from sim.linear.contract import Product
+from sim.linear.contract import LowRankTerm
 from sim.mesh import Mesh
 from sim.pattern import distinct
 from sim.scene import CompiledTerm, Contribution, Index, Layout, Term
@@ -197,7 +197,7 @@ class CompiledSparseNodalVolume(_NodalPressures):
         self._stand_in = CompiledElementVolume(kappa, layout, term.stress_free)
         self._no_control = Control(np.zeros(len(layout.muscles)))
         self._at: Array | None = None
-        self._product: Product | None = None
+        self._product: LowRankTerm | None = None
 
     def _evaluate(self, q: Array) -> None:
         # Tangent and products of one configuration are requested successively.
@@ -205,13 +205,13 @@ class CompiledSparseNodalVolume(_NodalPressures):
             super()._evaluate(q)
             self._at, self._product = q.copy(), None
 
-    def product(self, q: Array) -> Product:
+    def product(self, q: Array) -> LowRankTerm:
         """Matrix-free part of d2E/dq2 at q."""
         self._evaluate(q)
         if self._product is None:
             values = self._g.reshape(-1)[self._entries]
             G = csr_array((values, self._columns, self._indptr), shape=self._shape)
-            self._product = Product(G, self._stiffness[self._active])
+            self._product = LowRankTerm(G, self._stiffness[self._active])
         return self._product
 
     def add_stand_in(self, q: Array, K: Array) -> None:

@@ -10,10 +10,10 @@ import sim
 import sim.integrators.factor
 from sim.contact import cone
 from sim.contact.compiled import FORCE, MEMORY
-from sim.contact.compliance import AT_ONCE, KNOWN, LEARNT, Compliance, RowCompliance
+from sim.contact.compliance import AT_ONCE, KNOWN, LEARNT, Compliance, DelassusMatrix
 from sim.contact.cone import pushes
-from sim.contact.rows import Rows, directions
-from sim.integrators.factor import InverseSecants, SecantMemory
+from sim.contact.rows import ContactRows, directions
+from sim.integrators.factor import LBFGS, CompactBFGS
 from sim.integrators.workspace import ContactMemory
 from sim.linear import FACTORS, linear_solver, pardiso_is_available, symmetric_product
 from tests.bodies import grid
@@ -52,7 +52,7 @@ def rows_of(mesh, k, rng):
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     zero = np.zeros(k)
     index = np.arange(k)
-    return Rows(
+    return ContactRows(
         index, index, 0 * index, nodes, weight, normal, zero, np.zeros((k, 3)), zero, 0 * index
     )
 
@@ -121,7 +121,7 @@ def test_the_delassus_matrix_equals_the_dense_one_also_between_other_rows():
     rng, inverse = np.random.default_rng(4), np.linalg.inv(whole)
     D = directions(system.pattern, rows_of(mesh, 12, rng))
     other = directions(system.pattern, rows_of(mesh, 4, rng))
-    rows = RowCompliance(D, compliance_of(whole))
+    rows = DelassusMatrix(D, compliance_of(whole))
     scale = np.abs(D @ (D @ inverse).T).max()
     for some in ([7, 2], [2, 5, 11, 0], [7], []):
         near = D[some]
@@ -141,7 +141,7 @@ def test_the_compliance_is_updated_when_the_body_becomes_stiffer(answers):
     D = directions(system.pattern, rows_of(mesh, 9, rng))
     stiffer = 2.0 * whole + np.diag(rng.uniform(0.0, 3.0, len(whole)) * np.diag(whole))
     compliance, now = compliance_of(whole), np.linalg.inv(stiffer)
-    rows = RowCompliance(D, compliance)
+    rows = DelassusMatrix(D, compliance)
     every = np.arange(9)
     before = np.abs(rows.among(every) - D @ (D @ now).T).max()
     for _ in range(answers):
@@ -151,7 +151,7 @@ def test_the_compliance_is_updated_when_the_body_becomes_stiffer(answers):
         answer = D @ motion
         known = KNOWN * np.abs(answer).max()
         np.testing.assert_allclose(rows.among(every) @ f, answer, rtol=0, atol=known)
-        again = RowCompliance(D, compliance).among(every)
+        again = DelassusMatrix(D, compliance).among(every)
         np.testing.assert_allclose(
             again, rows.among(every), rtol=0, atol=1e-9 * np.abs(again).max()
         )
@@ -166,7 +166,7 @@ def test_the_compliance_is_updated_when_the_body_becomes_stiffer(answers):
 def test_known_or_zero_displacements_do_not_change_the_compliance():
     mesh, system, _, whole = block()
     D = directions(system.pattern, rows_of(mesh, 5, np.random.default_rng(6)))
-    rows, inverse = RowCompliance(D, compliance_of(whole)), np.linalg.inv(whole)
+    rows, inverse = DelassusMatrix(D, compliance_of(whole)), np.linalg.inv(whole)
     before, f = rows.among(np.arange(5)), np.ones(5)
     motion = inverse @ (D.T @ f)
     missed, size = rows.learn(f, motion)
@@ -220,7 +220,7 @@ def test_secants_of_an_inverse_are_those_of_the_recursion():
     rng = np.random.default_rng(2)
     n, size = 20, 5
     A, old = positive(n, rng, 10.0), positive(n, rng, 10.0)
-    one, two = SecantMemory(size), InverseSecants(size)
+    one, two = LBFGS(size), CompactBFGS(size)
     D = np.asarray(rng.normal(size=(3, n)))
     for _ in range(8):
         s = rng.normal(size=n)
@@ -383,7 +383,7 @@ def test_forces_by_the_schur_complement_are_those_of_assembled_rows(monkeypatch,
 def test_an_inaccurate_compliance_is_corrected_or_recomputed(monkeypatch, wrong, learns, friction):
     """With the compliance times 1e3 or 1e-3, or a random one, the motion is the same."""
     if not learns:
-        monkeypatch.setattr(RowCompliance, "learn", lambda *_: (0.0, 0.0))
+        monkeypatch.setattr(DelassusMatrix, "learn", lambda *_: (0.0, 0.0))
     system = lying(friction)
     control, ends, forgotten = system.control(np.zeros(0)), [], []
     forget = ContactMemory.forget_compliance

@@ -8,8 +8,8 @@ from scipy.spatial import ConvexHull
 import sim
 from sim._kernels import triangles as kernel
 from sim.contact.search import (
+    CachedByPositions,
     Candidates,
-    Recent,
     SignedFaces,
     closest_faces,
     entered_faces,
@@ -209,7 +209,7 @@ def test_listed_faces_give_the_bits_of_a_search_at_every_position():
 
 def test_results_are_kept_for_the_latest_positions():
     calls = []
-    recent = Recent(lambda x: calls.append(1) or x.sum(), 2)
+    recent = CachedByPositions(lambda x: calls.append(1) or x.sum(), 2)
     a, b, c = np.ones(3), np.zeros(3), np.full(3, 2.0)
     assert [recent(y) for y in (a, b, a, b)] == [3.0, 0.0, 3.0, 0.0]
     assert len(calls) == 2

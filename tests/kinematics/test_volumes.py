@@ -9,7 +9,7 @@ import sim
 from sim.contact.rows import NO_ROWS
 from sim.contact.surfaces import body_surfaces
 from sim.integrators.linear_rows import LinearRows
-from sim.integrators.step_solver import LinearStep, Missed
+from sim.integrators.step_solver import LinearStep, StepEstimates
 from sim.joints import Spherical, Weld
 from sim.state import Line
 from sim.system import damping_matrix, implicit_matrix
@@ -52,7 +52,7 @@ def rows_and_saddle(hard=()):
     rhs = np.random.default_rng(0).normal(size=system.pattern.n) * 1e-6
     state = system.kinematics.state(pose, np.zeros(system.pattern.n), {})
     silent = np.zeros(len(system.muscles))
-    missed = Missed(Line(silent, silent, 0.0, h), D, here, estimated=False, control=None)
+    missed = StepEstimates(Line(silent, silent, 0.0, h), D, here, estimated=False, control=None)
     state, equation = replace(state, t=pose.t - h), LinearStep(A, rhs, 1.0, missed)
     step = LinearRows(system, state, equation, h, 1e-12, sim.Workspace(system))
     _, w, f = step.under(NO_ROWS)

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_array
 
-from sim.contact.compliance import Compliance, RowCompliance
+from sim.contact.compliance import Compliance, DelassusMatrix
 from sim.contact.cone import frictional, pushes
-from sim.contact.rows import Acting, Multipliers, RowPlaces, Rows, across, directions
+from sim.contact.rows import ContactForces, ContactRows, Multipliers, RowPlaces, across, directions
 from sim.contact.step import pressed
 from sim.dense import held
 from sim.integrators.newton import Point, Potential
@@ -51,13 +51,13 @@ AT_BOUND = 1e-9  #: relative distance of friction from its bound below which a c
 
 
 @dataclass(frozen=True, eq=False)
-class InContact(Point):
+class PointInContact(Point):
     """A trial configuration with contact."""
 
     alone: Point  #: point of the potential without contact
 
 
-class Touching(Potential):
+class ContactPotential(Potential):
     """Potential with the augmentation of rows for their multipliers, from q0 (n_nodes, 3) [m]."""
 
     penalty: float
@@ -76,15 +76,15 @@ class Touching(Potential):
         """Displacements (n_nodes, 3) of a small motion (n,)."""
         return self.system.kinematics.displacements(x, self.base)
 
-    def point(self, d: Array) -> InContact:
+    def point(self, d: Array) -> PointInContact:
         """Evaluate potential and augmentation, and their gradients."""
         return self.with_contact(self._potential.point(d))
 
-    def with_contact(self, point: Point, acting: Acting | None = None) -> InContact:
+    def with_contact(self, point: Point, acting: ContactForces | None = None) -> PointInContact:
         """Point of the potential with augmentation; `acting` are the contact forces there, if known."""
         acting = self.acting(point) if acting is None else acting
         g = point.g - self.generalised(acting.on_nodes(self.multipliers.rows, len(self._q0)))
-        return InContact(point.d, point.pose, g, point.phi + acting.energy, point.here, point)
+        return PointInContact(point.d, point.pose, g, point.phi + acting.energy, point.here, point)
 
     def matrix(self, point: Point) -> Matrix:
         """Scale times the second derivative of the potential."""
@@ -102,12 +102,12 @@ class Touching(Potential):
         """Solution (n,) for a right-hand side without the rows; the factor has none of them."""
         return self.answer(rhs, work)
 
-    def acting(self, point: Point) -> Acting:
+    def acting(self, point: Point) -> ContactForces:
         """Contact forces at a point."""
         return self.multipliers.at(point.pose.q - self._q0)
 
 
-class TouchingInMatrix(Touching):
+class AssembledContact(ContactPotential):
     """Assembled contact, for very many rows or a matrix that is singular without contact."""
 
     penalty, patience = IN_MATRIX, PATIENCE
@@ -131,7 +131,7 @@ class TouchingInMatrix(Touching):
             0
         ]
 
-    def settled(self, point: Point) -> Acting:
+    def settled(self, point: Point) -> ContactForces:
         """Contact forces at the end of the iteration."""
         return self.acting(point)
 
@@ -144,7 +144,7 @@ class TouchingInMatrix(Touching):
         return self.answer(rhs, work)
 
     def opened(
-        self, rows: Rows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
+        self, rows: ContactRows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
     ) -> Array:
         """Displacements (n_nodes, 3) that open rows approximately by distances (k,) [m].
 
@@ -164,7 +164,7 @@ class UnitVectors:
     contact : (m,) row of each direction.
     """
 
-    def __init__(self, rows: Rows) -> None:
+    def __init__(self, rows: ContactRows) -> None:
         self._rows, self.friction = rows, rows.friction
         self._size = np.where(rows.friction > 0.0, 3, 1)
         self.first: Index = np.cumsum(self._size) - self._size
@@ -203,7 +203,7 @@ class UnitVectors:
         return components[self.first], across
 
 
-class TouchingApart(Touching):
+class SchurContact(ContactPotential):
     """Contact by the Schur complement, with a factor of the potential alone.
 
     Each iteration minimises a quadratic model of the potential under all rows. The contact forces follow
@@ -218,7 +218,7 @@ class TouchingApart(Touching):
         self._unit = UnitVectors(multipliers.rows)
         self._rubs = bool((self._unit.friction > 0.0).any())
         self._directions = self._unit.directions(self.system.point_pattern)
-        self._compliance: RowCompliance | None = None
+        self._compliance: DelassusMatrix | None = None
         # of the last direction: previous and new forces (m,), displacements (n,) by the factor with the
         # previous ones and by their change; of the last step: start, displacement by the factor, number
         # of the factor
@@ -237,7 +237,7 @@ class TouchingApart(Touching):
         quasi-Newton updates of later steps. The bounds of friction are those of the new normal forces,
         so that the direction is one of descent.
         """
-        assert isinstance(point, InContact)  # result of `point`
+        assert isinstance(point, PointInContact)  # result of `point`
         alone, secants = point.alone, work.newton.inverse_secants
         forces, rest = self._rest(alone)
         by_factor = work.newton.solve(self.scale * rest)
@@ -269,9 +269,9 @@ class TouchingApart(Touching):
         self.multipliers = replace(self.multipliers, bound=bound)
         return self.with_contact(alone), free + pushed
 
-    def _rows(self, work: Workspace) -> RowCompliance:
+    def _rows(self, work: Workspace) -> DelassusMatrix:
         if self._compliance is None:
-            self._compliance = RowCompliance(self._directions, self._of_tissue(work))
+            self._compliance = DelassusMatrix(self._directions, self._of_tissue(work))
         return self._compliance
 
     def _of_tissue(self, work: Workspace) -> Compliance:
@@ -282,7 +282,7 @@ class TouchingApart(Touching):
         return self.answer(self.scale * change, work)
 
     def _pushed(
-        self, gap: Array, forces: Array, compliance: RowCompliance, work: Workspace
+        self, gap: Array, forces: Array, compliance: DelassusMatrix, work: Workspace
     ) -> tuple[Array, Array, Array]:
         """Forces (m,) of the model, and displacements (n,) by their change: by the factor, and in total.
 
@@ -320,7 +320,7 @@ class TouchingApart(Touching):
 
     def accepted(self, start: Point, end: Point, length: float, work: Workspace) -> Point:
         """End of a step, with the forces of the model as the new multipliers."""
-        assert isinstance(start, InContact) and isinstance(end, InContact)
+        assert isinstance(start, PointInContact) and isinstance(end, PointInContact)
         if length < 1.0:
             self._left = SURE
         assert self._tried is not None  # set by `direction`
@@ -336,7 +336,7 @@ class TouchingApart(Touching):
         self._compliance = None
         return work.contact.forget_compliance()
 
-    def settled(self, point: Point) -> Acting:
+    def settled(self, point: Point) -> ContactForces:
         """Contact forces at the end of the iteration: the multipliers.
 
         The slip contains that which friction in another direction than the multipliers would require.
@@ -373,9 +373,9 @@ class TouchingApart(Touching):
         return held(x, D, G, push, what, wanted=wanted, repeats=HELD, most=most)[0]
 
     def opened(
-        self, rows: Rows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
+        self, rows: ContactRows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
     ) -> Array:
-        """Same as `TouchingInMatrix.opened`, with other active rows kept closed, without friction."""
+        """Same as `AssembledContact.opened`, with other active rows kept closed, without friction."""
         own = self.multipliers.rows
         others = np.flatnonzero(np.isin(own.slot, pushing) & ~np.isin(own.slot, rows.slot))
         elsewhere = self._unit.first[others]
@@ -389,7 +389,7 @@ class TouchingApart(Touching):
         return self.opening(self.answer(self.scale * push, work))
 
 
-class TouchingConstrained(TouchingApart):
+class SchurContactUnderConstraints(SchurContact):
     """Contact by the Schur complement, with a factor of the saddle matrix of tissue and constraints.
 
     The compliance C of the Delassus matrix D C D' of the rows is that of motions that do not change the
@@ -406,7 +406,7 @@ class TouchingConstrained(TouchingApart):
 
     def gradient(self, point: Point) -> Array:
         """Gradient (n,) with the present contact forces."""
-        assert isinstance(point, InContact)  # result of `point`
+        assert isinstance(point, PointInContact)  # result of `point`
         return -self._rest(point.alone)[1]
 
     def under_rows(
@@ -418,7 +418,7 @@ class TouchingConstrained(TouchingApart):
         [m] at most.
         """
         self._further, self._error = self._none, error
-        assert isinstance(point, InContact)  # result of `point`
+        assert isinstance(point, PointInContact)  # result of `point`
         forces = self._rest(point.alone)[0]
         start, direction = self._directed(point.alone, forces, free, free, work)
         return start, direction, self._further
