@@ -74,9 +74,9 @@ class Reactions:
         return rows.reactions(outputs.frames, outputs.q, forces)
 
     def _rows(self, system: System) -> CompiledJoints:
-        found = () if system.rows is None else system.rows.joints
-        if system.rows is None or found != self.names:
+        joints = () if system.rows is None else system.rows.joints
+        if system.rows is None or joints != self.names:
             raise SceneError(
-                f"the probe Reactions refers to {self.names}, expected the joints {found}"
+                f"the probe Reactions refers to {self.names}, expected the joints {joints}"
             )
         return system.rows

@@ -22,9 +22,9 @@ def number(place: str, name: str, value: object, *, error: Refused = SceneError)
     True and False are refused, which Python would take for 1 and 0, as are texts, complex numbers,
     arrays and NaN. Raises the given error.
     """
-    found = _array(value)
-    if found.ndim == 0 and found.dtype.kind in "iuf" and not np.isnan(found):
-        return float(found)
+    value_as_array = _array(value)
+    if value_as_array.ndim == 0 and value_as_array.dtype.kind in "iuf" and not np.isnan(value_as_array):
+        return float(value_as_array)
     raise error(f"{place}: {name} = {_shown(value)}, expected a real number")
 
 
@@ -32,9 +32,9 @@ def whole(
     place: str, name: str, value: object, *, least: int = 0, error: Refused = SceneError
 ) -> int:
     """Whole number of at least `least`; raises as `number`."""
-    found = number(place, name, value, error=error)
-    if math.isfinite(found) and found == round(found) and found >= least:
-        return int(found)
+    checked = number(place, name, value, error=error)
+    if math.isfinite(checked) and checked == round(checked) and checked >= least:
+        return int(checked)
     raise error(f"{place}: {name} = {_shown(value)}, expected a whole number of at least {least}")
 
 

@@ -60,12 +60,12 @@ def coloured_chunks(nodes: Index) -> tuple[Index, Index, Index]:
     level = levels(nodes)
     filled = np.bincount(level)
     chunk_of_level = np.zeros(len(filled), dtype=np.int64)
-    chunk = held = 0
+    chunk = size = 0
     for i, count in enumerate(filled):
-        if held >= ELEMENTS_PER_CHUNK:
-            chunk, held = chunk + 1, 0
+        if size >= ELEMENTS_PER_CHUNK:
+            chunk, size = chunk + 1, 0
         chunk_of_level[i] = chunk
-        held += count
+        size += count
     chunk_of = chunk_of_level[level]
     groups = [np.flatnonzero(chunk_of == i) for i in range(chunk + 1)]
     ordered: list[Index] = []

@@ -15,7 +15,7 @@ class Described:
         """Class and properties, one per line."""
         facts = self.facts()
         width = max(map(len, facts), default=0)
-        lines = (f"  {name.ljust(width)}  {told}" for name, told in facts.items())
+        lines = (f"  {name.ljust(width)}  {text}" for name, text in facts.items())
         return "\n".join(
             [f"<{type(self).__module__.partition('.')[0]}.{type(self).__name__}>", *lines]
         )

@@ -71,10 +71,10 @@ def displace_held(
     done, size, smallest = 0.0, 1.0 / steps, 1.0 / (steps << max_halvings)
     while done < 1.0 - 1e-12:
         size = min(size, 1.0 - done)
-        held = start + (done + size) * (end - start)
+        fixed = start + (done + size) * (end - start)
         try:
             new = _equilibrium(
-                integrator, system, State(state.t, q + size * drift, state.v), held, silent, work
+                integrator, system, State(state.t, q + size * drift, state.v), fixed, silent, work
             )
         except (InvertedElement, NotConverged, SingularSystem):
             if size <= smallest * (1.0 + 1e-9):
@@ -88,17 +88,17 @@ def displace_held(
     return State(state.t, q, np.zeros_like(q))  # history-dependent terms are fully relaxed
 
 
-def _holding(system: System, q: Array, held: Array) -> Array:
+def _holding(system: System, q: Array, fixed: Array) -> Array:
     """Positions q with the fixed components of others."""
-    out = held.copy()
+    out = fixed.copy()
     out.reshape(-1)[system.free] = q.reshape(-1)[system.free]
     return out
 
 
 def _equilibrium(
-    integrator: Static, system: System, guess: State, held: Array, silent: Control, work: Workspace
+    integrator: Static, system: System, guess: State, fixed: Array, silent: Control, work: Workspace
 ) -> Array:
-    """Equilibrium positions with the fixed unknowns at those of `held`."""
-    q = _holding(system, guess.q, held)
-    found, _ = integrator.step(system, State(guess.t, q, guess.v), silent, 1.0, work)
-    return found.q
+    """Equilibrium positions with the fixed unknowns at those of `fixed`."""
+    q = _holding(system, guess.q, fixed)
+    end, _ = integrator.step(system, State(guess.t, q, guess.v), silent, 1.0, work)
+    return end.q

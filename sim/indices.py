@@ -10,28 +10,28 @@ Refused = type[Exception]
 
 
 def indices(
-    place: str, of: str, given: ArrayLike, n: int | None, *, error: Refused = SceneError
+    place: str, what: str, given: ArrayLike, n: int | None, *, error: Refused = SceneError
 ) -> Index:
     """Indices (k,) from whole numbers in 0..n - 1, or from a mask (n,) of those that are meant.
 
-    `place` and `of` name the part and what it counts in messages. Without n the numbers are checked for
+    `place` and `what` name the part and what it counts in messages. Without n the numbers are checked for
     all but their range; a mask then raises, because its length cannot be checked.
 
     Raises the given error for other shapes and types, numbers that are not whole, negative or too large,
     and masks of another length.
     """
-    found = np.asarray(given)
-    if found.dtype == bool and n is not None:
-        if found.shape != (n,):
+    values = np.asarray(given)
+    if values.dtype == bool and n is not None:
+        if values.shape != (n,):
             raise error(
-                f"{place}: the mask of {of}s has shape {found.shape}, expected ({n},), one per {of}"
+                f"{place}: the mask of {what}s has shape {values.shape}, expected ({n},), one per {what}"
             )
-        return np.flatnonzero(found)
-    if found.ndim != 1:
+        return np.flatnonzero(values)
+    if values.ndim != 1:
         raise error(
-            f"{place}: the {of}s have shape {found.shape}, expected a list of numbers (k,) or a mask"
+            f"{place}: the {what}s have shape {values.shape}, expected a list of numbers (k,) or a mask"
         )
-    return _whole(place, of, found, n, error)
+    return _whole(place, what, values, n, error)
 
 
 def node_indices(place: str, given: ArrayLike, n: int, n_points: int) -> Index:
@@ -39,15 +39,15 @@ def node_indices(place: str, given: ArrayLike, n: int, n_points: int) -> Index:
 
     A mask may also be one of the other nodes, those of the mesh.
     """
-    found = np.asarray(given)
-    if n_points and found.dtype == bool and found.shape == (n - n_points,):
-        return np.flatnonzero(found)
+    values = np.asarray(given)
+    if n_points and values.dtype == bool and values.shape == (n - n_points,):
+        return np.flatnonzero(values)
     return indices(place, "node", given, n)
 
 
 def index_rows(
     place: str,
-    of: str,
+    what: str,
     given: ArrayLike,
     n: int | None,
     width: int | None,
@@ -58,43 +58,43 @@ def index_rows(
 
     With the width None the shape is free. Raises as `indices`.
     """
-    found = np.asarray(given)
-    if width is not None and found.size == 0:
-        found = found.reshape(-1, width)
-    if width is not None and (found.ndim != 2 or found.shape[1] != width):
+    values = np.asarray(given)
+    if width is not None and values.size == 0:
+        values = values.reshape(-1, width)
+    if width is not None and (values.ndim != 2 or values.shape[1] != width):
         raise error(
-            f"{place}: the {of}s have shape {found.shape}, expected (m, {width}), {width} in a row"
+            f"{place}: the {what}s have shape {values.shape}, expected (m, {width}), {width} in a row"
         )
-    return _whole(place, of, found, n, error)
+    return _whole(place, what, values, n, error)
 
 
-def index(place: str, of: str, given: object, n: int | None, *, error: Refused = SceneError) -> int:
+def index(place: str, what: str, given: object, n: int | None, *, error: Refused = SceneError) -> int:
     """One index in 0..n - 1; raises as `indices`."""
-    found = np.asarray(given)
-    if found.ndim:
-        raise error(f"{place}: the {of} has shape {found.shape}, expected one number")
-    return int(_whole(place, of, found.reshape(1), n, error)[0])
+    value = np.asarray(given)
+    if value.ndim:
+        raise error(f"{place}: the {what} has shape {value.shape}, expected one number")
+    return int(_whole(place, what, value.reshape(1), n, error)[0])
 
 
 def kept_until_known(
-    place: str, of: str, given: ArrayLike
+    place: str, what: str, given: ArrayLike
 ) -> NDArray[np.int64] | NDArray[np.bool_]:
     """Numbers (k,) checked without their range, or a mask, which `indices` checks when n is known."""
-    found = np.asarray(given)
-    if found.dtype == bool and found.ndim == 1:
-        return found
-    return indices(place, of, given, None)
+    values = np.asarray(given)
+    if values.dtype == bool and values.ndim == 1:
+        return values
+    return indices(place, what, given, None)
 
 
-def whole_numbers(place: str, of: str, given: ArrayLike, *, error: Refused = SceneError) -> Index:
+def whole_numbers(place: str, what: str, given: ArrayLike, *, error: Refused = SceneError) -> Index:
     """Whole numbers of any shape and sign, such as codes; raises as `indices` for other values."""
-    return _whole(place, of, np.asarray(given), None, error, least=None)
+    return _whole(place, what, np.asarray(given), None, error, least=None)
 
 
 def count_of(given: ArrayLike) -> int:
     """Number of indices that numbers or a mask mean."""
-    found = np.asarray(given)
-    return int(np.count_nonzero(found)) if found.dtype == bool else len(found)
+    values = np.asarray(given)
+    return int(np.count_nonzero(values)) if values.dtype == bool else len(values)
 
 
 def _whole(

@@ -134,9 +134,9 @@ class Mesh(Described):
                 f"a part of the mesh refers to blocks {start}..{end - 1}, expected at least one of 0.."
                 f"{k - 1}"
             )
-        found = copy(self)  # a checked mesh, whose check would refuse nodes without elements
-        object.__setattr__(found, "blocks", self.blocks[start:end])
-        return found
+        mesh = copy(self)  # a checked mesh, whose check would refuse nodes without elements
+        object.__setattr__(mesh, "blocks", self.blocks[start:end])
+        return mesh
 
     def with_points(self, points: Array) -> "Mesh":
         """The same mesh with nodes (k, 3) appended that belong to no element."""

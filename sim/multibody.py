@@ -168,8 +168,8 @@ def _row_table(rows: CompiledJoints | None, body: Index, arm: Array) -> tuple[Ro
             flags, flags, none, none
         )
     table = rows.table
-    held = table.point >= 0
+    attached = table.point >= 0
     body_b, origin_b = table.body_b.copy(), table.origin_b.copy()
-    body_b[held], origin_b[held] = body[table.point[held]], arm[table.point[held]]
+    body_b[attached], origin_b[attached] = body[table.point[attached]], arm[table.point[attached]]
     table = table._replace(point=np.full_like(table.point, -1), body_b=body_b, origin_b=origin_b)
     return table, RowKinds(rows.unilateral, rows.rigid, rows.compliance, rows.damping_time)

@@ -90,14 +90,14 @@ def intervals(start: float, duration: float, h: float, every: float) -> list[Int
         return [Interval(end, (), end == group[-1]) for group in groups for end in group]
     outputs, per_step = round(duration / every), max(round(h / every), 1)
     unit = every if per_step > 1 else h
-    found: list[Interval] = []
+    result: list[Interval] = []
     for first in range(0, outputs, per_step):
         last = min(first + per_step, outputs)
         inside = tuple(start + k * every for k in range(first + 1, last))
         # If every step is an output, both times are the same product and round equally.
         end = start + last * unit
-        found.append(Interval(end, inside, True))
-    return found
+        result.append(Interval(end, inside, True))
+    return result
 
 
 def steps_to_outputs(start: float, duration: float, h: float, every: float) -> list[list[float]]:

@@ -53,14 +53,14 @@ def distinct(keys: Index) -> Index:
     return keys[new]
 
 
-def symmetric_pattern(n_nodes: int, keys: Index, held: Index) -> SymmetricPattern:
+def symmetric_pattern(n_nodes: int, keys: Index, fixed: Index) -> SymmetricPattern:
     """Pattern over all free unknowns, from the node pairs of all terms.
 
-    `keys` (m,) are ``a * n_nodes + b`` with a <= b, in any order and with repetitions; `held` are the
+    `keys` (m,) are ``a * n_nodes + b`` with a <= b, in any order and with repetitions; `fixed` are the
     fixed ones of 3 n_nodes unknowns.
     """
     number = np.zeros(3 * n_nodes, dtype=np.int64)
-    number[held] = -1
+    number[fixed] = -1
     free = np.flatnonzero(number == 0)
     number[free] = np.arange(len(free))
 

@@ -40,9 +40,9 @@ def names_of(parts: Sequence[object]) -> list[str]:
 
 def digest(value: object) -> bytes:
     """Digest (16 bytes) of numbers, texts, arrays, containers, functions and other objects."""
-    found = hashlib.blake2b(digest_size=16)
-    _add(found, value, 0)
-    return found.digest()
+    hasher = hashlib.blake2b(digest_size=16)
+    _add(hasher, value, 0)
+    return hasher.digest()
 
 
 def _add(to: Any, value: Any, depth: int) -> None:

@@ -34,10 +34,10 @@ def require_own(state: State, system: System) -> None:
     n, bodies = system.mesh.n_nodes, len(system.kinematics.rest_frames)
     shapes = {"q": (n, 3), "v": (n, 3), "frames": (bodies, 7), "twists": (bodies, 6)}
     for name, wanted in shapes.items():
-        found = getattr(state, name).shape
-        if found != wanted:
+        shape = getattr(state, name).shape
+        if shape != wanted:
             raise SceneError(
-                f"the initial state has {name} of shape {found}, expected {wanted} for this scene"
+                f"the initial state has {name} of shape {shape}, expected {wanted} for this scene"
             )
     own = _numbers(system.digest)
     if SCENE in state.memory and not np.array_equal(state.memory[SCENE], own):

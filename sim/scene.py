@@ -242,8 +242,8 @@ class Scene(Described):
         facts = {**self.mesh.facts(), "terms": listed(self.terms)}
         numbers = {body.name: b for b, body in enumerate(self.bodies)}
         members = [member.attach(self.whole, numbers) for member in self.reductions]
-        held = len({(int(n), axis) for a in members for n in a.nodes for axis in a.axes})
-        facts["held"] = f"{held} of {3 * self.mesh.n_nodes} unknowns"
+        fixed = len({(int(n), axis) for a in members for n in a.nodes for axis in a.axes})
+        facts["held"] = f"{fixed} of {3 * self.mesh.n_nodes} unknowns"
         facts["damping"] = type(self.damping).__name__ if self.damping else "none"
         if self.constraints:
             facts["conditions"] = listed(self.constraints)

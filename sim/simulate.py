@@ -131,7 +131,7 @@ def simulate(
     began = time.perf_counter()
     log.add(state, control(state.t), None)
     estimating = work.estimating(any(isinstance(part, ReadsErrors) for part in (steps, *probes)))
-    told = _ProgressOfParts(progress)
+    parts_done = _ProgressOfParts(progress)
     with threads_of(solver_threads, work.linear.name), estimating:
         for number, part in enumerate(parts):
             if number and at_checkpoint is not None:
@@ -140,12 +140,12 @@ def simulate(
             times = state.t, part, longest, every
             if through is not None:
                 groups = steps_to_outputs(*times)
-                told.begin(len(groups), len(parts))
-                state = _together(motion, through, state, groups, activation, log, told)
+                parts_done.begin(len(groups), len(parts))
+                state = _together(motion, through, state, groups, activation, log, parts_done)
             else:
                 plan = intervals(*times)
-                told.begin(len(plan), len(parts))
-                state = _one_by_one(motion, control, steps, state, plan, log, told)
+                parts_done.begin(len(plan), len(parts))
+                state = _one_by_one(motion, control, steps, state, plan, log, parts_done)
     attrs = {
         "integrator": type(integrator).__name__,
         "step_control": type(steps).__name__,
@@ -234,7 +234,7 @@ def _together(
     groups: Sequence[Sequence[float]],
     activation: Activation,
     log: Log,
-    told: _ProgressOfParts,
+    parts_done: _ProgressOfParts,
 ) -> State:
     """Record a simulation after each group of steps, several at once; the last state."""
     bodies, outputs, done = motion.work.bodies, None, 0
@@ -251,8 +251,8 @@ def _together(
         log.unstable += [float(x) for k in np.flatnonzero(lost) for x in t[k : k + 2]]
         log.add_all(outputs, driven)
         before, done, t, frames = done, done + len(outputs.t), t[-1:], frames[-1:]
-        for k in range(before if told.progress else done, done):
-            told(k + 1)
+        for k in range(before if parts_done.progress else done, done):
+            parts_done(k + 1)
     return state if outputs is None else outputs.state(-1)
 
 
@@ -263,7 +263,7 @@ def _one_by_one(
     state: State,
     plan: Sequence[Interval],
     log: Log,
-    told: _ProgressOfParts,
+    parts_done: _ProgressOfParts,
 ) -> State:
     """Record the outputs of a plan; the last state."""
     system, reports = motion.system, list[StepReport]()
@@ -296,7 +296,7 @@ def _one_by_one(
             if report is not None:
                 whole, reports = united(reports, 0), []
             log.add(at, here if at is state else control(at.t), whole)
-        told(i + 1)
+        parts_done(i + 1)
     return state
 
 

@@ -241,9 +241,9 @@ def united(reports: Sequence[StepReport], rejected: int) -> StepReport:
 
 def _of_contact(reports: Sequence[StepReport]) -> Array | None:
     """Errors by contact of several steps; None if one of them presses without an estimate."""
-    found = [r.contact_error for r in reports if r.touching or r.contact_error is not None]
-    known = [error for error in found if error is not None]
-    return _both(known) if len(known) == len(found) else None
+    errors = [r.contact_error for r in reports if r.touching or r.contact_error is not None]
+    known = [error for error in errors if error is not None]
+    return _both(known) if len(known) == len(errors) else None
 
 
 def _any(known: list[bool | None]) -> bool | None:

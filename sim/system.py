@@ -230,8 +230,8 @@ class System(Described):
 
     def smallest_J(self, q: Array) -> tuple[float, int]:
         """Smallest det F over all terms that deform (inf if none does), and its element."""
-        found = [term.smallest_J(q) for term in self._deforming]
-        return min(found, key=_nan_is_worst, default=(float("inf"), -1))
+        least = [term.smallest_J(q) for term in self._deforming]
+        return min(least, key=_nan_is_worst, default=(float("inf"), -1))
 
     @cached_property
     def _deforming(self) -> tuple[CompiledTerm, ...]:

@@ -52,9 +52,9 @@ class PointVolumes:
         for part in self._parts:
             kernel.point_volumes(q, part, self.v, self._n)
 
-    def gather(self, of: kernel.NodePoints, nodal_volume: Array, g: Array) -> None:
+    def gather(self, corners: kernel.NodePoints, nodal_volume: Array, g: Array) -> None:
         """Sum over the points of every node, as `sim._kernels.volume.gather_nodal`."""
-        kernel.gather_nodal(self.v, self._n, self._slope, self._kind, of, nodal_volume, g)
+        kernel.gather_nodal(self.v, self._n, self._slope, self._kind, corners, nodal_volume, g)
 
     def add_pressure(self, q: Array, p: Array, f: Array, K: Array | None = None) -> None:
         """With a pressure p (n_elements, 8): f -= p dv/dx and, if given, K += p d2v/dx2."""

@@ -83,12 +83,12 @@ def in_one_process(lock: Path) -> Generator[None]:
 
     All processes lock the same file, whose folder is created.
     """
-    with ExitStack() as held:
+    with ExitStack() as locks:
         try:
             import fcntl
 
             lock.parent.mkdir(parents=True, exist_ok=True)
-            file = held.enter_context(lock.open("a"))
+            file = locks.enter_context(lock.open("a"))
             fcntl.flock(file, fcntl.LOCK_EX)  # released when the file is closed
         except (ImportError, OSError):
             pass  # another system, or a folder without locks: every process compiles its own kernels

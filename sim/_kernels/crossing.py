@@ -42,17 +42,17 @@ def _roots(c0, c1, c2, c3, out):
             cut[n] = e1
             n += 1
     cut[n] = 1.0
-    found = 0
+    count = 0
     for k in range(n):
         t0, t1 = cut[k], cut[k + 1]
         f0, f1 = _cubic(c0, c1, c2, c3, t0), _cubic(c0, c1, c2, c3, t1)
         if f0 == 0.0:
-            out[found] = t0
-            found += 1
+            out[count] = t0
+            count += 1
             continue
         if f1 == 0.0 and k == n - 1:
-            out[found] = t1
-            found += 1
+            out[count] = t1
+            count += 1
             continue
         if f0 * f1 >= 0.0:
             continue
@@ -63,9 +63,9 @@ def _roots(c0, c1, c2, c3, out):
                 t0 = t
             else:
                 t1 = t
-        out[found] = t1
-        found += 1
-    return found
+        out[count] = t1
+        count += 1
+    return count
 
 
 @allocating

@@ -237,9 +237,9 @@ def coasted(I, w0, h, theta):  # noqa: E741
             h * ((1.0 - theta) * w0[1] + theta * w[1]),
             h * ((1.0 - theta) * w0[2] + theta * w[2]),
         )
-        back, held = _turned_by(d, w, -1.0), _turned_by(d, L, -1.0)
+        back, momentum = _turned_by(d, w, -1.0), _turned_by(d, L, -1.0)
         spin = _of(I, back)
-        r = (spin[0] - held[0], spin[1] - held[1], spin[2] - held[2])
+        r = (spin[0] - momentum[0], spin[1] - momentum[1], spin[2] - momentum[2])
         if math.sqrt(inner_product(r, r)) <= LEFT * size:
             return w, True
         # columns of the derivative of r by w
@@ -272,8 +272,8 @@ def _column(I, d, w, L, e, s):  # noqa: E741
 def coast_all(I: Array, w0: Array, h: float, theta: float, w1: Array) -> int:  # noqa: E741
     """Velocities w1 (k, 3) of `coasted` for inertia I (k, 3, 3); the first body without, or -1."""
     for b in range(len(w0)):
-        w, found = coasted(I[b], vector(w0, b), h, theta)
-        if not found:
+        w, converged = coasted(I[b], vector(w0, b), h, theta)
+        if not converged:
             return b
         put(w1, b, 0, w, 1.0)
     return -1

@@ -103,8 +103,8 @@ def grid_of(x0: Reals, x1: Reals, triangles: Indices) -> Grid:
 
 
 @inner
-def boxes_near(grid, low, high, first, last, found):
-    """Number of boxes that intersect the box from low to high (3,); their indices in `found`.
+def boxes_near(grid, low, high, first, last, boxes):
+    """Number of boxes that intersect the box from low to high (3,); their indices in `boxes`.
 
     first, last: (3,) scratch arrays of cells.
     """
@@ -127,7 +127,7 @@ def boxes_near(grid, low, high, first, last, found):
                         and c == max(first[2], grid.reached[f, 2])
                         and not apart(low, high, grid.low[f], grid.high[f])
                     ):
-                        found[n] = f
+                        boxes[n] = f
                         n += 1
     return n
 

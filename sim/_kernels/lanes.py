@@ -146,8 +146,8 @@ def load(typingctx, array, row):
 
     def codegen(context, builder, sig, args):
         single = sig.args[0].dtype == types.float32
-        found = builder.load(_row(context, builder, sig.args[0], *args), align=4 if single else 8)
-        return builder.fpext(found, _VECTOR) if single else found
+        vector = builder.load(_row(context, builder, sig.args[0], *args), align=4 if single else 8)
+        return builder.fpext(vector, _VECTOR) if single else vector
 
     return lanes(array, types.intp), codegen
 

@@ -114,8 +114,8 @@ def _coast(bodies, table, kinds, known, h, theta, points, step, rows):
             continue
         turned_tensor(step.ahead, b, bodies.inertia[b], step.I)
         w0 = (step.w0[c + 3], step.w0[c + 4], step.w0[c + 5])
-        w, found = coasted(step.I, w0, h, theta)
-        if not found:
+        w, converged = coasted(step.I, w0, h, theta)
+        if not converged:
             return False
         g[c], g[c + 1], g[c + 2] = 0.0, 0.0, 0.0
         g[c + 3], g[c + 4], g[c + 5] = w[0] - w0[0], w[1] - w0[1], w[2] - w0[2]
@@ -269,7 +269,7 @@ def advance_bodies(
     the matrix. At most `most` projections reduce the values of rows to `drift`. Morsels are whole from a
     distance above their diameter to `gone`.
     """
-    points, step, held = scratch.points, scratch.step, scratch.rows
+    points, step, row = scratch.points, scratch.step, scratch.rows
     column, still, q = table.column, step.still, points.q
     rated = False
     for k in range(len(lines.relation)):
@@ -288,7 +288,7 @@ def advance_bodies(
         _start(column, table.mass, table.inertia, step.ahead, twists[i], step)
         # without prescribed bodies the rows were evaluated at these frames last
         known = i > 0 and len(led.body) == 0
-        if not _coast(table, rows, kinds, known, h[i], theta, points, step, held):
+        if not _coast(table, rows, kinds, known, h[i], theta, points, step, row):
             return i
         _place_points(table.body, table.arm, step.frames, q, points.arm)
         if len(led.body) > 0:
@@ -297,7 +297,7 @@ def advance_bodies(
         if negative[i] < 0:
             return i
         if not move_on_rows(
-            rows, kinds, table, still, q, h[i], theta, known, most, drift, step, held
+            rows, kinds, table, still, q, h[i], theta, known, most, drift, step, row
         ):
             return i
         finite = True
@@ -307,8 +307,8 @@ def advance_bodies(
             return i
         copy(step.frames, frames[i + 1])
         # forces of rows in their direction at the start, and those due to the rotation of the rows
-        for j in range(len(held.c)):
-            reaction[i, j] = held.held[j]
+        for j in range(len(row.c)):
+            reaction[i, j] = row.held[j]
         copy(still, twists[i + 1])
         for b in range(len(column)):
             if column[b] >= 0:

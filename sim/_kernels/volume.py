@@ -191,7 +191,7 @@ class NodePoints(NamedTuple):
     star_start: Indices
 
 
-@in_threads(lambda v, n, slope, kind, of, *_: [(0, of.start.size - 1)], ROWS_LEAST)
+@in_threads(lambda v, n, slope, kind, corners, *_: [(0, corners.start.size - 1)], ROWS_LEAST)
 def gather_nodal(
     first: int,
     last: int,
@@ -199,7 +199,7 @@ def gather_nodal(
     n: Reals,
     slope: Reals,
     kind: Indices,
-    of: NodePoints,
+    corners: NodePoints,
     nodal_volume: Reals,
     g: Reals,
 ) -> None:
@@ -209,14 +209,14 @@ def gather_nodal(
     24 kind[e] + 3 p onwards of slope. Writes nodal_volume (node,) and g (star entries, 3) = d
     nodal_volume / dx.
     """
-    h, start, star_start, place = np.empty((3, NODES)), of.start, of.star_start, of.place
+    h, start, star_start, place = np.empty((3, NODES)), corners.start, corners.star_start, corners.place
     for m in range(first, last):
         sum_v = 0.0
         for s in range(star_start[m], star_start[m + 1]):
             for i in range(3):
                 g[s, i] = 0.0
         for k in range(start[m], start[m + 1]):
-            e, p = of.element[k], of.point[k]
+            e, p = corners.element[k], corners.point[k]
             sum_v += v[e, p]
             r = 24 * kind[e] + 3 * p
             d0, d1, d2 = load(slope, r), load(slope, r + 1), load(slope, r + 2)

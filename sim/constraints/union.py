@@ -38,9 +38,9 @@ class Constraints:
 
     def evaluate(self, pose: Pose) -> tuple[Array, Array]:
         """Values c (n,) at a pose, and the entries of G = dc/dw."""
-        found = [part.evaluate(pose.q) for part in self._parts]
-        c = [value[rows] for (value, _), rows in zip(found, self._rows, strict=True)]
-        slopes = np.concatenate([entry for _, entry in found])[self._slope]
+        parts = [part.evaluate(pose.q) for part in self._parts]
+        c = [value[rows] for (value, _), rows in zip(parts, self._rows, strict=True)]
+        slopes = np.concatenate([entry for _, entry in parts])[self._slope]
         slopes *= self._kinematics.matrix(pose).data[self._entry]
         G = np.bincount(self._sum, slopes, self._G.nnz).astype(np.float64)
         return np.concatenate(c), G

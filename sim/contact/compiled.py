@@ -126,9 +126,9 @@ class VertexFaceContact:
         points, x = self.at(here.ends(self.surface)[0]), here.ends(self.faces)[0]
         # An open surface has no inside; depths in a closed one are not limited.
         radius = np.inf if self.faces.closed else self._approach
-        found = self.closest(points, radius, x)
-        gap, _ = self.signs.signed(points, found, x)
-        np.maximum.at(deep, found.point, -np.nan_to_num(gap))
+        pairs = self.closest(points, radius, x)
+        gap, _ = self.signs.signed(points, pairs, x)
+        np.maximum.at(deep, pairs.point, -np.nan_to_num(gap))
         return deep
 
     def at(self, of_vertices: Array) -> Array:
@@ -189,14 +189,14 @@ class VertexFaceContact:
         x0, x1 = move.ends(self.faces)
         before, after = self._outside(move, allowed), self.at(move.ends(self.surface)[1])
         triangles = self.faces.triangles
-        found = entered_faces(before, after, x0, x1, triangles, self.candidates)
-        if not len(found.point):
+        pairs = entered_faces(before, after, x0, x1, triangles, self.candidates)
+        if not len(pairs.point):
             return NO_ROWS
-        found, place = self.signs.places_of(found, x1)
+        pairs, place = self.signs.places_of(pairs, x1)
         normal = self.signs.normals_of(place, x1)
-        at = np.einsum("kj,kji->ki", found.weight, x1[triangles[found.face]])
-        gap = np.einsum("ki,ki->k", normal, after[found.point] - at)
-        return self._rows(move, found, (place, np.full(len(gap), ENTERED)), normal, gap)
+        at = np.einsum("kj,kji->ki", pairs.weight, x1[triangles[pairs.face]])
+        gap = np.einsum("ki,ki->k", normal, after[pairs.point] - at)
+        return self._rows(move, pairs, (place, np.full(len(gap), ENTERED)), normal, gap)
 
     def _outside(self, move: StepGeometry, allowed: Array) -> Array:
         """Vertices (n, 3) at the start, with slightly penetrating ones moved to the surface.
@@ -212,10 +212,10 @@ class VertexFaceContact:
         if self._itself or not self.faces.closed:
             return points
         x0 = move.ends(self.faces)[0]
-        found = self.closest(points, self._tolerances.hair, x0)
-        gap, normal = self.signs.signed(points, found, x0)
-        hair = np.flatnonzero((gap < 0.0) & (allowed[self.slots][found.point] == 0.0))
-        at = found.point[hair]
+        pairs = self.closest(points, self._tolerances.hair, x0)
+        gap, normal = self.signs.signed(points, pairs, x0)
+        hair = np.flatnonzero((gap < 0.0) & (allowed[self.slots][pairs.point] == 0.0))
+        at = pairs.point[hair]
         share = 1.0 / np.bincount(at, minlength=len(points))[at]
         np.add.at(points, at, (share * (self._tolerances.lift - gap[hair]))[:, None] * normal[hair])
         return points
@@ -223,7 +223,7 @@ class VertexFaceContact:
     def _rows(
         self,
         move: StepGeometry,
-        found: PointFacePairs | ContactFeatures,
+        pairs: PointFacePairs | ContactFeatures,
         about: tuple[Index, Index],
         normal: Array,
         gap: Array,
@@ -232,12 +232,12 @@ class VertexFaceContact:
 
         about: their places and ranks.
         """
-        ends, share, k = self.vertices[found.point], self.share[found.point], len(found.point)
+        ends, share, k = self.vertices[pairs.point], self.share[pairs.point], len(pairs.point)
         vertex = ends[:, 0]
-        corners = self.faces.triangles[found.face]
+        corners = self.faces.triangles[pairs.face]
         weight, carried = np.ones((k, 4)), np.zeros((k, 3))
         if isinstance(self.faces, NodeSurface):
-            nodes, weight[:, 1:] = np.empty((k, 4), np.int64), -found.weight
+            nodes, weight[:, 1:] = np.empty((k, 4), np.int64), -pairs.weight
             nodes[:, 0], nodes[:, 1:] = vertex, corners
             if not isinstance(self.surface, NodeSurface):
                 nodes[:, 0], weight[:, 0] = corners[:, 0], 0.0
@@ -247,9 +247,9 @@ class VertexFaceContact:
             nodes, weight[:, 2:] = ends[:, [0, 1, 0, 0]], 0.0
             weight[:, 0], weight[:, 1] = 1.0 - share, share
             x0, x1 = move.ends(self.faces)
-            carried = np.einsum("kj,kji->ki", found.weight, x1[corners] - x0[corners])
+            carried = np.einsum("kj,kji->ki", pairs.weight, x1[corners] - x0[corners])
         rows = ContactRows(
-            self.slots[found.point],
+            self.slots[pairs.point],
             *about,
             nodes,
             weight,
@@ -362,8 +362,8 @@ class CompiledContact(CompiledTerm):
     def pressed(self, memory: Mapping[str, Array]) -> Array:
         """Sum of the normal forces (n_pairings,) in a memory of a state [N]."""
         force = memory[MEMORY][:, FORCE] if MEMORY in memory else np.zeros(self._n_slots)
-        found = np.bincount(self.pairing_of_slot, force, len(self.names))
-        return np.asarray(found, dtype=np.float64)
+        total = np.bincount(self.pairing_of_slot, force, len(self.names))
+        return np.asarray(total, dtype=np.float64)
 
     def pushing(self, state: State) -> Index:
         """Slots of the active vertices in a state."""

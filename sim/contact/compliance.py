@@ -65,8 +65,8 @@ class Compliance:
         self.expect(other)
         one, two = self._near(D), self._near(other)
         more, less = self._learnt
-        found: Array = one @ (two @ self._found).T
-        return found + (one @ more.T) @ (two @ more.T).T - (one @ less.T) @ (two @ less.T).T
+        product: Array = one @ (two @ self._found).T
+        return product + (one @ more.T) @ (two @ more.T).T - (one @ less.T) @ (two @ less.T).T
 
     def learn(self, f: Array, u: Array) -> None:
         """BFGS update such that C f = u, on computed unknowns (n,)."""
@@ -155,8 +155,8 @@ class DelassusMatrix:
         """W between directions D (m, n) other than the rows, and some rows."""
         every = vstack([D, self._all[rows]], format="csr")
         # The smaller matrix is multiplied with the whole compliance.
-        found = self._compliance.between(every, D)
-        own, cross = np.split(found, [D.shape[0]])
+        blocks = self._compliance.between(every, D)
+        own, cross = np.split(blocks, [D.shape[0]])
         return np.block([[0.5 * (own + own.T), cross.T], [cross, self.among(rows)]])
 
     def learn(self, forces: Array, motion: Array) -> tuple[float, float]:

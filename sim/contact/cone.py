@@ -161,19 +161,19 @@ class _Trial:
         across it, and (1 - b) s / b + p . u_t / G_t = 0 with the ratio b of bound and |f_t - u_t / G_t|.
         The correction is solved in single precision: its error is that of the next start.
         """
-        held, slides, across = self._held, self._slides, self._across
+        closed, slides, across = self._held, self._slides, self._across
         along, turned = self._mu[:, None] * self._along, self._turned
         s = np.einsum("ki,ki->k", turned, self.f[across])
         f = np.zeros(len(c))
-        f[held] = self.f[held]
+        f[closed] = self.f[closed]
         f[across] = f[slides, None] * along + s[:, None] * turned
         u = G @ f + c
-        missed = np.r_[u[held], np.einsum("ki,ki->k", turned, u[across]) + self._turning * s]
+        missed = np.r_[u[closed], np.einsum("ki,ki->k", turned, u[across]) + self._turning * s]
         x = np.empty_like(missed)
         with reported("the matrix of frictional contacts"):
             x[:] = np.linalg.solve(self._matrix(single), -missed.astype(np.float32))
-        f[held] += x[: len(held)]
-        f[across] = f[slides, None] * along + (s + x[len(held) :])[:, None] * turned
+        f[closed] += x[: len(closed)]
+        f[across] = f[slides, None] * along + (s + x[len(closed) :])[:, None] * turned
         return f
 
     def _matrix(self, G: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -232,15 +232,15 @@ def forces(S: Array, r: Array, blocks: Blocks, before: Array, error: float) -> t
     e, u = blocks.equations, blocks.rest
     f, left = np.zeros(len(r)), 0.0
     Seu = S[e[:, None], u]
-    found = np.zeros((len(e), len(u) + 1))
+    best = np.zeros((len(e), len(u) + 1))
     if len(e):
-        found = solved(
+        best = solved(
             S[e[:, None], e], np.column_stack([Seu, r[e]]), "the matrix of equations of joints"
         )
     if len(u):
-        among, b, x = S, r[u] - Seu.T @ found[:, -1], before[u].copy()
+        among, b, x = S, r[u] - Seu.T @ best[:, -1], before[u].copy()
         if len(e):
-            among = np.ascontiguousarray(S[u[:, None], u] - Seu.T @ found[:, :-1])
+            among = np.ascontiguousarray(S[u[:, None], u] - Seu.T @ best[:, :-1])
         # rows that the equations hold already may contradict them by rounding
         idle = np.abs(np.diag(among)) <= REPEATED * np.abs(np.diag(S)[u])
         if idle.any():
@@ -248,7 +248,7 @@ def forces(S: Array, r: Array, blocks: Blocks, before: Array, error: float) -> t
             b[idle], x[idle] = 0.0, 0.0
         first = np.searchsorted(u, blocks.first)
         f[u], left = _of_contacts(among, b, first, blocks.friction, x, error)
-    f[e] = -found[:, -1] - found[:, :-1] @ f[u]
+    f[e] = -best[:, -1] - best[:, :-1] @ f[u]
     return f, left
 
 
@@ -366,8 +366,8 @@ def _direct(W: Array, b: Array, first: Index, friction: Array, x: Array) -> Arra
     limit = SLIP * max(float(np.abs(b).max()), np.finfo(float).tiny)
     good = (new[n] >= 0.0).all() and (rate[n] >= -limit).all()
     good = good and float(np.abs(rate[rows]).max(initial=0.0)) <= limit
-    held = np.linalg.norm(new[tangent[sticks]], axis=1)
-    good = good and (held <= friction[rubs[sticks]] * new[n[rubs[sticks]]] * (1.0 + 1e-9)).all()
+    friction_size = np.linalg.norm(new[tangent[sticks]], axis=1)
+    good = good and (friction_size <= friction[rubs[sticks]] * new[n[rubs[sticks]]] * (1.0 + 1e-9)).all()
     slip = rate[tangent[slides]]
     across = slip[:, 0] * along[:, 1] - slip[:, 1] * along[:, 0]
     good = good and (np.einsum("ki,ki->k", slip, along) <= limit).all()

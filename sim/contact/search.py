@@ -269,20 +269,20 @@ class SignedFaces:
         normals(x, self.triangles, face, corner, flat)
         return face, corner, flat
 
-    def places_of(self, found: PointFacePairs, x: Array) -> tuple[PointFacePairs, Index]:
+    def places_of(self, pairs: PointFacePairs, x: Array) -> tuple[PointFacePairs, Index]:
         """Unique closest faces, edges and vertices of points, and their indices (k,).
 
         An edge has the same index for both its faces, and a vertex for all; weights are on the feature.
         """
         # the first of the faces that share a feature, closest or earliest, irrespective of their
         # numbering
-        found = found.take(np.argsort(found.value, kind="stable"))
-        place, weight = np.empty(len(found.point), dtype=np.int64), found.weight.copy()
+        pairs = pairs.take(np.argsort(pairs.value, kind="stable"))
+        place, weight = np.empty(len(pairs.point), dtype=np.int64), pairs.weight.copy()
         about = self.across, self._free, self._edge, place
-        places(found.face, weight, found.feature, x, self.triangles, *about)
-        key = found.point * (4 * len(self.triangles) + len(self._free)) + place
+        places(pairs.face, weight, pairs.feature, x, self.triangles, *about)
+        key = pairs.point * (4 * len(self.triangles) + len(self._free)) + place
         _, first = np.unique(key, return_index=True)
-        return replace(found, weight=weight).take(first), place[first]
+        return replace(pairs, weight=weight).take(first), place[first]
 
     def met(
         self,
@@ -322,23 +322,23 @@ class SignedFaces:
         point, face, place = (np.empty(room, dtype=np.int64) for _ in range(3))
         wall, gap = np.empty(room, dtype=np.bool_), np.empty(room)
         weight, normal = np.empty((room, 3)), np.empty((room, 3))
-        found = point, face, place, wall, weight, gap, normal
+        results = point, face, place, wall, weight, gap, normal
         about = points, radius, may, x, self.triangles, start, listed, away, SAME_DISTANCE
         signs = self.across, self._free, self._edge, by_face, by_corner, flat
-        n = met(*about, *signs, blur, against, deepest, *found)
+        n = met(*about, *signs, blur, against, deepest, *results)
         return ContactFeatures(
             point[:n], face[:n], place[:n], wall[:n], weight[:n], gap[:n], normal[:n]
         )
 
-    def signed(self, points: Array, found: PointFacePairs, x: Array) -> tuple[Array, Array]:
+    def signed(self, points: Array, pairs: PointFacePairs, x: Array) -> tuple[Array, Array]:
         """Signed distances (k,), negative inside and NaN at a free edge [m], and their gradients (k, 3).
 
-        Points (n, 3) and vertices x (m, 3) are in [m]; `found` is of `closest_faces`.
+        Points (n, 3) and vertices x (m, 3) are in [m]; `pairs` is of `closest_faces`.
         """
         by_face, by_corner, flat = self._normals(x)
-        k = len(found.point)
+        k = len(pairs.point)
         gap, normal = np.empty(k), np.empty((k, 3))
-        about = found.point, found.face, found.weight, found.value, found.feature, x, self.triangles
+        about = pairs.point, pairs.face, pairs.weight, pairs.value, pairs.feature, x, self.triangles
         signs = self.across, self._free, by_face, by_corner, flat
         signed(np.ascontiguousarray(points), *about, *signs, gap, normal)
         return gap, normal

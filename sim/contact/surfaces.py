@@ -78,14 +78,14 @@ def checked_triangles(triangles: ArrayLike, name: str) -> Index:
     return array
 
 
-def require_nodes(triangles: Index, name: str, n: int, of: str) -> None:
+def require_nodes(triangles: Index, name: str, n: int, owner: str) -> None:
     """Raise ContactFailure for triangles with nodes outside 0..n-1 of a mesh or shell."""
     outside = (triangles < 0) | (triangles >= n)
     if outside.any():
         bad = int(np.argmax(outside.any(axis=1)))
         node = int(triangles[bad][outside[bad]][0])
         raise ContactFailure(
-            f"triangle {bad} of surface {name!r} refers to node {node}, expected 0..{n - 1} of {of}",
+            f"triangle {bad} of surface {name!r} refers to node {node}, expected 0..{n - 1} of {owner}",
             surface=name,
             triangle=bad,
             node=node,
@@ -166,9 +166,9 @@ class _Triangles:
         """True if the surface has an inside."""
         return len(self.open_edges) == 0
 
-    def _require_shape(self, x: Array, of: str) -> None:
+    def _require_shape(self, x: Array, owner: str) -> None:
         """Refuse invalid triangles at positions x [m] of a mesh or shell."""
-        require_nodes(self.triangles, self.name, len(x), of)
+        require_nodes(self.triangles, self.name, len(x), owner)
         require_area(self.triangles, self.name, x)
         if self.closed:
             require_outside_out(self.triangles, self.name, x)
@@ -332,9 +332,9 @@ class Pairing:
                 surface.check(mesh)
         if len(self.shared):
             both = np.concatenate([np.sort(s.triangles, axis=1) for s in self.surfaces])
-            found, counts = np.unique(both, axis=0, return_counts=True)
+            edges, counts = np.unique(both, axis=0, return_counts=True)
             if (counts > 1).any():
-                nodes = found[np.argmax(counts > 1)].tolist()
+                nodes = edges[np.argmax(counts > 1)].tolist()
                 raise ContactFailure(
                     f"triangle with nodes {nodes} belongs to both surfaces of pairing "
                     f"{self.name!r}: remove it from one of them",

@@ -54,8 +54,8 @@ class BodiesAlone:
         negative, h = np.zeros(n - 1, dtype=np.int64), np.diff(time)
         tables = self.tables.table, self.tables.lines, self.tables.rows, self.tables.kinds
         about = h, control.at_ends(time), whole, GONE, theta, PROJECTIONS, DRIFT
-        found = frames, twists, reaction, negative
-        done: int = advance_bodies(*tables, self._led(time[1:]), self.scratch, *about, *found)
+        results = frames, twists, reaction, negative
+        done: int = advance_bodies(*tables, self._led(time[1:]), self.scratch, *about, *results)
         jump = self._jumps(h[:done], twists[: done + 1])
         times = np.array(time)
         return Passed(self, times, h, frames, twists, whole, reaction, negative > 0, done, jump)
@@ -71,10 +71,10 @@ class BodiesAlone:
     def _reach(self) -> Array:
         """Largest distance (n_bodies,) of a point of a body from its centre [m]."""
         table = self.tables.table
-        found = np.zeros(len(table.column))
+        reach = np.zeros(len(table.column))
         on = table.body >= 0
-        np.maximum.at(found, table.body[on], np.linalg.norm(table.arm[on], axis=1))
-        return found
+        np.maximum.at(reach, table.body[on], np.linalg.norm(table.arm[on], axis=1))
+        return reach
 
     def changes(self, frames: Array, activation: Array) -> tuple[Array, Array]:
         """Motions (n, k) between frames (n + 1, ...), and decreases (n, k) of forces outside a step.

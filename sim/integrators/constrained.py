@@ -59,12 +59,12 @@ def minimise_constrained(
             point, step, further = rows.under_rows(point, step, error, work)
             multiplier = multiplier + further
         rho = max(rho, 1.5 * float(np.abs(multiplier).max()))
-        found = _search(potential, point, c, step, rho)
-        if found is None:
+        accepted = _search(potential, point, c, step, rho)
+        if accepted is None:
             if potential.refused(work):
                 continue
             raise NotConverged(tuple(residuals), until, "no step lowers the constrained potential")
-        length, end = found
+        length, end = accepted
         point = end if rows is None else rows.accepted(point, end, length, work)
         shortest = min(shortest, length)
         c, slopes = conditions.evaluate(point.pose)

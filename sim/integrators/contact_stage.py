@@ -285,8 +285,8 @@ class StageWithRows:
             free = self._free(start)
             f, pushed = self._pushed(at, free, at.before if f is None else f)
             move = free + pushed
-            found = self._search(start, at, f, move)
-            if found is None:
+            solution = self._search(start, at, f, move)
+            if solution is None:
                 stale = self._inverse is None and self._work.contact.forget_compliance()
                 if made_here and stale:
                     continue  # with the compliance of this factor
@@ -302,7 +302,7 @@ class StageWithRows:
                 self._renew(point)
                 made_here = True
                 continue
-            length, point = found
+            length, point = solution
             at, moved = self._at(rows, point), length * float(np.abs(move).max(initial=0.0))
             residual = float(np.abs(point.g - at.G.T @ f).max(initial=0.0))
             self._shortest = min(self._shortest, length)

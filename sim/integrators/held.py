@@ -39,8 +39,8 @@ def held_acceleration(
     on = rows.rigid if pressed is None else rows.rigid | pressed
     G, X = rows.evaluate(pose).G, rows.inverse_mass(pose)
     turning = (rate(BESIDE) - rate(-BESIDE)) / (2.0 * BESIDE)
-    f, held = np.zeros(len(G)), G[on]
-    f[on] = solved(held @ X[columns] @ held.T, -(held @ a[columns] + turning[on]), ROWS)
+    f, active = np.zeros(len(G)), G[on]
+    f[on] = solved(active @ X[columns] @ active.T, -(active @ a[columns] + turning[on]), ROWS)
     return a + X @ (G.T @ f), f
 
 
@@ -63,10 +63,10 @@ def forces_at(system: System, state: State, control: Control) -> Array:
     push[rows.columns] = now.G.T @ f
     a = a + system.kinematics.solve_mass(push, state.pose)
     while (rows.rigid | pressed).any():
-        held = held_acceleration(system, rows, a, state, pressed)[1]
-        pulling = pressed & (held < 0.0)
+        pressing = held_acceleration(system, rows, a, state, pressed)[1]
+        pulling = pressed & (pressing < 0.0)
         if not pulling.any():
-            return np.where(rows.rigid | pressed, held, f)
+            return np.where(rows.rigid | pressed, pressing, f)
         pressed &= ~pulling
     return f
 

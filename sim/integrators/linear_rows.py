@@ -100,14 +100,14 @@ class LinearRows:
 
     def _exactly(self, r: Array) -> Array:
         """Solution (n,) for a further right-hand side, with G x = 0 for rigid rows in large scenes."""
-        found = self._found
-        assert found.again is not None  # every solution of a step has it
-        more = found.again(r, self._error)
+        rows = self._found
+        assert rows.again is not None  # every solution of a step has it
+        more = rows.again(r, self._error)
         self._found = replace(
-            found,
-            iterations=found.iterations + more.iterations,
-            factorisations=found.factorisations + more.factorisations,
-            definite=found.definite and more.definite,
+            rows,
+            iterations=rows.iterations + more.iterations,
+            factorisations=rows.factorisations + more.factorisations,
+            definite=rows.definite and more.definite,
         )
         return more.x
 

@@ -86,11 +86,11 @@ def linear_step(
     conditions, under = system.constraints, None
     if system.contact is not None or system.rows is not None:
         under = LinearRows(system, state, equation, h, error, work).solve()
-        found, pose, v1 = under.solution, under.pose, under.solution.x
+        solution, pose, v1 = under.solution, under.pose, under.solution.x
     else:
         start, now = work.steps.extrapolated(state.t, h, v0), kinematics.at(pose0, t1)
-        found = work.solve(system, A, rhs, now, start, error / (moves * h))
-        v1 = found.x
+        solution = work.solve(system, A, rhs, now, start, error / (moves * h))
+        v1 = solution.x
         pose = kinematics.advance(pose0, h * ((1 - moves) * v0 + moves * v1), t1)
     with work.timed("force"):
         least, element = system.smallest_J(pose.q)
@@ -100,17 +100,17 @@ def linear_step(
         pushed = under.pushed if under else np.zeros_like(pose.q)
         with work.timed("force"):
             at_end = system.force(pose.q, missed.line.at(1.0))
-        local_error = _estimate(system, state, missed, found, pushed, pose, at_end, work)
-        assert found.roughly is not None  # Set by every solution of a step.
-        of_step = missed.line, h, found.roughly, pose
+        local_error = _estimate(system, state, missed, solution, pushed, pose, at_end, work)
+        assert solution.roughly is not None  # Set by every solution of a step.
+        of_step = missed.line, h, solution.roughly, pose
         input_error = of_input(system, control, *of_step)
     if conditions is not None:
         pose = work.constraints.projected(pose0, pose)
         done = work.constraints.projection
-        found = replace(
-            found,
-            iterations=found.iterations + done.iterations,
-            factorisations=found.factorisations + done.factorisations,
+        solution = replace(
+            solution,
+            iterations=solution.iterations + done.iterations,
+            factorisations=solution.factorisations + done.factorisations,
         )
         with work.timed("force"):
             least, element = system.smallest_J(pose.q)
@@ -118,7 +118,7 @@ def linear_step(
     try:
         require_upright(element, least, t1)
     except InvertedElement as inverted:
-        if not found.definite:
+        if not solution.definite:
             inverted.add_note(
                 "the matrix of this step was not positive definite: the equilibrium has "
                 "lost its stability, so that the occurrence and the time of this depend on "
@@ -130,11 +130,11 @@ def linear_step(
         bent = concave(kinematics, start, lambda: missed.here.f, pose, f_at_end)
         swing = None
         if system.mesh.n_elements or not kinematics.matrix_varies:
-            assert found.roughly is not None  # Set by every solution of a step.
+            assert solution.roughly is not None  # Set by every solution of a step.
             at_end = at_end or system.force(pose.q, missed.line.at(1.0))
             reaction = under.reaction if under else None
             step = TurnedStep(
-                state, pose, v1, moves, missed.line, missed.D.force, found.roughly, reaction
+                state, pose, v1, moves, missed.line, missed.D.force, solution.roughly, reaction
             )
             pushed = under.pushed if under else np.zeros_like(pose.q)
             swing = swing_of(system, step, missed.here.f, at_end.f, pushed)
@@ -144,9 +144,9 @@ def linear_step(
     return kinematics.state(pose, v1, remembered), StepReport(
         h=h,
         smallest_J=least,
-        iterations=found.iterations,
-        factorisations=found.factorisations,
-        indefinite=int(not found.definite),
+        iterations=solution.iterations,
+        factorisations=solution.factorisations,
+        indefinite=int(not solution.definite),
         local_error=local_error,
         input_error=input_error,
         concave=bent,
@@ -158,7 +158,7 @@ def _estimate(
     system: System,
     state: State,
     missed: StepEstimates,
-    found: Solution,
+    solution: Solution,
     pushed: Array,
     end: Pose,
     at_end: Evaluation,
@@ -173,9 +173,9 @@ def _estimate(
     """
     line, D, h = missed.line, missed.D, missed.line.h
     kinematics, pose = system.kinematics, state.pose
-    w0, w1, at_start = kinematics.velocities(state), found.x, missed.here
+    w0, w1, at_start = kinematics.velocities(state), solution.x, missed.here
     error = 0.5 * h * (w1 - w0)  # the leading term, h^2/2 dv/dt
-    assert found.roughly is not None  # Set by every solution of a step.
+    assert solution.roughly is not None  # Set by every solution of a step.
     if line.rise.any():
         with work.timed("force"):
             at_start = system.force(state.q, line.at(0.0))
@@ -183,4 +183,4 @@ def _estimate(
     f0, f1 = at_start.f + pushed, at_end.f + pushed
     gained = inertia - h * (kinematics.generalised_force(f0, pose) - D.force(w0))
     unbalanced = h * (kinematics.generalised_force(f1, end) - D.force(w1)) - inertia
-    return relaxed(system, error, 0.5 * gained - unbalanced, D, h, found.roughly, end)
+    return relaxed(system, error, 0.5 * gained - unbalanced, D, h, solution.roughly, end)

@@ -231,9 +231,9 @@ def minimise(
             return Trial(end, end.here.smallest_J, change, slope, halves)
 
         slope, rounding = dot(start.g, direction), rounding_of(start.phi, start.here.energy)
-        found = line_search(trial, slope, rounding, negligible=negligible)
+        trial_end = line_search(trial, slope, rounding, negligible=negligible)
         contraction, age = np.inf, age + 1
-        if found is None:
+        if trial_end is None:
             if potential.refused(work):
                 continue
             if made_here:
@@ -243,7 +243,7 @@ def minimise(
                     return point, account(iteration, size)
                 raise NotConverged(tuple(residuals), until, "no step lowers the potential")
         else:
-            length, end = found
+            length, end = trial_end
             point = potential.accepted(start, end, length, work)
             residuals.append(point.residual)
             if length == 1.0:
@@ -259,7 +259,7 @@ def minimise(
                 if tolerances.met(left, point.residual):
                     return point, account(iteration, left)
         slow = contraction > potential.haste * tolerances.keep_factor and age >= potential.patience
-        made_here = found is None or slow
+        made_here = trial_end is None or slow
         if made_here:
             renew()
             ahead = None

@@ -212,11 +212,11 @@ class RowsOfStep:
         assert self._contact is not None  # callers have rows of contact
         return self._contact
 
-    def _directions(self, rows: ContactRows, pose: Pose, of: Index, e: Array) -> csr_array:
-        """Derivatives (m, n) by the velocities of the motions of rows `of` (m,) along e (m, 3)."""
-        m, n_points = len(of), len(pose.q)
-        column = (3 * rows.nodes[of][:, :, None] + np.arange(3)).reshape(m, 12)
-        entry = rows.weight[of][:, :, None] * e[:, None, :]
+    def _directions(self, rows: ContactRows, pose: Pose, selected: Index, e: Array) -> csr_array:
+        """Derivatives (m, n) by the velocities of the motions of rows `selected` (m,) along e (m, 3)."""
+        m, n_points = len(selected), len(pose.q)
+        column = (3 * rows.nodes[selected][:, :, None] + np.arange(3)).reshape(m, 12)
+        entry = rows.weight[selected][:, :, None] * e[:, None, :]
         ends = 12 * np.arange(m + 1)
         N = csr_array((entry.ravel(), column.ravel(), ends), shape=(m, 3 * n_points))
         return csr_array(N @ self._system.kinematics.matrix(pose))

@@ -128,10 +128,10 @@ class Converged(Iterative):
         way = np.linalg.norm(stage.base.q + stage.s * v - state.q, axis=1)
         # Hard landings take up to 150 iterations in all, ordinary steps about ten.
         most = 3 * self.max_iterations
-        found = minimise_in_contact(phi, start, contact, way, key, work, settle, stage.t, most)
-        end = found.point
-        pose = replace(end.pose, q=found.q)
-        return StageSolution(pose, phi.velocities(end.d), found.here, found.went, found)
+        solution = minimise_in_contact(phi, start, contact, way, key, work, settle, stage.t, most)
+        end = solution.point
+        pose = replace(end.pose, q=solution.q)
+        return StageSolution(pose, phi.velocities(end.d), solution.here, solution.went, solution)
 
     def _freed(
         self,
@@ -171,12 +171,12 @@ class Converged(Iterative):
         end = parts[-1][1]
         if not work.estimates or end.contact is None:
             return None
-        found = [(b, part.contact.renewed()) for b, part in parts if part.contact is not None]
-        known = [b * change[0] for b, change in found if change is not None]
+        changes = [(b, part.contact.renewed()) for b, part in parts if part.contact is not None]
+        known = [b * change[0] for b, change in changes if change is not None]
         if not known:
             return None
         push = s * h * system.kinematics.generalised_force(np.sum(known, axis=0), end.pose)
-        last, none = found[-1][1], np.zeros_like(push)
+        last, none = changes[-1][1], np.zeros_like(push)
         passing = none if last is None else end.contact.held(none, -last[1])
         moves = (end.contact.held(push), passing)
         return -np.array([system.kinematics.displacements(x, end.pose) for x in moves])

@@ -60,11 +60,11 @@ class Static(Iterative):
         else:
             contact = ContactStep(system.contact, state, until, equilibrium=True)
             way, key = np.zeros(len(state.q)), ("Static", 0.0)
-            found = minimise_in_contact(
+            solution = minimise_in_contact(
                 energy, start, contact, way, key, work, settle, until, start_closed=True
             )
-            end, went, moved, memory = found.point, found.went, found.q, dict(found.memory)
-            least = found.here.smallest_J
+            end, went, moved, memory = solution.point, solution.went, solution.q, dict(solution.memory)
+            least = solution.here.smallest_J
         pose = end.pose
         if moved is not None:
             pose = replace(pose, q=moved)

@@ -105,8 +105,8 @@ class StepSolver:
 
         rests = None if under is None else under.homogeneous
 
-        def solved(r: Array, error: float, start: Array | None, of: Equations | None) -> Solution:
-            x = linear.solve(r, start, error, of)
+        def solved(r: Array, error: float, start: Array | None, equations: Equations | None) -> Solution:
+            x = linear.solve(r, start, error, equations)
             counts = linear.iterations, linear.factorisations
             roughly = partial(linear.roughly, under=rests)
             return Solution(x, *counts, linear.definite, roughly, again, linear.roughly)

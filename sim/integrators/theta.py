@@ -82,9 +82,9 @@ class _Linearised:
                 continue
             after = last[(last > done) & (last <= done + passed.done)] - done
             if len(after):
-                found = passed.outputs(after)
-                first = united([*reports, found.reports[0]], 0)
-                yield replace(found, reports=[first, *found.reports[1:]])
+                outputs = passed.outputs(after)
+                first = united([*reports, outputs.reports[0]], 0)
+                yield replace(outputs, reports=[first, *outputs.reports[1:]])
                 reports.clear()
             seen = int(after[-1]) if len(after) else 0
             if seen < passed.done:

@@ -32,11 +32,11 @@ class ForceTarget(Protocol):
         """Wanted forces (k,) at a time [s]; NaN where nothing is measured."""
         ...
 
-    def response(self, found: Response, of: Index) -> tuple[Array, Array]:
+    def response(self, found: Response, muscles: Index) -> tuple[Array, Array]:
         """Forces (k,) and derivatives (k, n_muscles) of a step."""
         ...
 
-    def reached(self, system: System, state: State, of: Index) -> Array:
+    def reached(self, system: System, state: State, muscles: Index) -> Array:
         """Forces (k,) at the end of a step."""
         ...
 
@@ -71,13 +71,13 @@ class RowForceTarget:
         """Interpolated forces (k,)."""
         return interpolated(self.time, self.force, t)
 
-    def response(self, found: Response, of: Index) -> tuple[Array, Array]:
+    def response(self, found: Response, muscles: Index) -> tuple[Array, Array]:
         """Forces (k,) of the rows and their derivatives."""
-        return found.force[of], found.force_slope[of]
+        return found.force[muscles], found.force_slope[muscles]
 
-    def reached(self, system: System, state: State, of: Index) -> Array:
+    def reached(self, system: System, state: State, muscles: Index) -> Array:
         """Forces (k,) that the step left."""
-        return state.memory[REACTIONS][of]
+        return state.memory[REACTIONS][muscles]
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,14 +118,14 @@ class ContactForceTarget:
         """Interpolated forces (k,)."""
         return interpolated(self.time, self.force, t)
 
-    def response(self, found: Response, of: Index) -> tuple[Array, Array]:
+    def response(self, found: Response, muscles: Index) -> tuple[Array, Array]:
         """Forces (k,) of the pairings and their derivatives."""
-        return found.pressed[of], found.pressed_slope[of]
+        return found.pressed[muscles], found.pressed_slope[muscles]
 
-    def reached(self, system: System, state: State, of: Index) -> Array:
+    def reached(self, system: System, state: State, muscles: Index) -> Array:
         """Forces (k,) that the step left."""
         assert system.contact is not None  # `indices` refuses others
-        return system.contact.pressed(state.memory)[of]
+        return system.contact.pressed(state.memory)[muscles]
 
 
 def _numbers(wanted: Sequence[str], names: Sequence[str], absent: str, source: str) -> Index:

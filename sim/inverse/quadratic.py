@@ -57,9 +57,9 @@ def minimise_in_box(
         b = least(A.T, unit * (c - Q @ x)[free], "the quadratic of the activations")
         bounds = (low - x)[free] / unit, (high - x)[free] / unit
         most = 20 * len(c) + 20
-        found = lsq_linear(A, b, bounds, method="bvls", tol=TOLERANCE, max_iter=most)
-        at_low[free], at_high[free] = found.active_mask < 0, found.active_mask > 0
-        x[free] = np.clip(x[free] + unit * found.x, low[free], high[free])
+        result = lsq_linear(A, b, bounds, method="bvls", tol=TOLERANCE, max_iter=most)
+        at_low[free], at_high[free] = result.active_mask < 0, result.active_mask > 0
+        x[free] = np.clip(x[free] + unit * result.x, low[free], high[free])
         x = np.where(at_low, low, np.where(at_high, high, x))
     return Minimum(x, at_low, at_high, violation(Q, c, low, high, x))
 

@@ -88,11 +88,11 @@ def equilibria(
     started, weights, static = clock.perf_counter(), weights or Weights(), static or Static()
     work, active = work or Workspace(system), ActiveForces(system)
     state, a = initial or system.rest_state(), np.zeros(n) if before is None else before
-    found = _Equilibria(system, target, static, work, active, tolerance)
+    equilibrium = _Equilibria(system, target, static, work, active, tolerance)
     records: list[tuple[Array, Array, Array, float, float, float, float]] = []
     for k, t in enumerate(times):
         objective = Objective.at(float(t), a, weights, measured)
-        a, state, violation, iterations = found.minimum(objective, float(t), state)
+        a, state, violation, iterations = equilibrium.minimum(objective, float(t), state)
         reached, wanted = target.value(state.q), target.wanted(float(t))
         full = float(((a >= objective.high) & (objective.high > objective.low)).sum())
         about = misfit(reached, wanted), violation, full, float(iterations)

@@ -154,10 +154,10 @@ def step_response(
         count = len(under.active) + (0 if f is None else len(f))
         pressed, pressed_slope = np.zeros(0), np.zeros((0, 0))
         if system.contact is not None:
-            of, every = under.near.pairing, np.arange(len(system.contact.names))
+            pairings, every = under.near.pairing, np.arange(len(system.contact.names))
             pressed = system.contact.pressed(under.memory)
             rises = np.array([rise for _, rise in under_rows], dtype=np.float64)
-            pressed_slope = np.asarray((every[:, None] == of) @ rises.T / h, dtype=np.float64)
+            pressed_slope = np.asarray((every[:, None] == pairings) @ rises.T / h, dtype=np.float64)
         about = count, np.zeros(0) if f is None else f, slope, pressed, pressed_slope
         return Response(activation, w, H, state.pose, w0, h, equation.moves, *about)
     if system.constraints is not None:

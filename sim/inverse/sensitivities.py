@@ -178,10 +178,10 @@ def _require_smooth(system: System, forces: ActiveForces, state: State, h: float
         "bodies": system.kinematics.matrix_varies,
         "damping that varies": forces.damping_varies or _damping_moves(system, state),
     }
-    found = [name for name, there in parts.items() if there]
-    if found:
+    unsupported = [name for name, there in parts.items() if there]
+    if unsupported:
         raise SceneError(
-            f"derivatives over a trajectory do not exist for {' and '.join(found)}: leave these out, or "
+            f"derivatives over a trajectory do not exist for {' and '.join(unsupported)}: leave these out, or "
             "track step by step"
         )
 

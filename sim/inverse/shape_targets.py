@@ -32,8 +32,8 @@ class SeparationTarget:
     def __post_init__(self) -> None:
         check_target("SeparationTarget", self.time, self.separation, self.size)
         for name in ("upper", "lower"):
-            found = indices("SeparationTarget", "node", getattr(self, name), None)
-            object.__setattr__(self, name, found)
+            node = indices("SeparationTarget", "node", getattr(self, name), None)
+            object.__setattr__(self, name, node)
         _check_direction("SeparationTarget", self.direction)
         if not len(self.upper) or not len(self.lower):
             raise SceneError(

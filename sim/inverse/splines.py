@@ -39,8 +39,8 @@ class Splines:
     def basis(self, t: Array) -> Array:
         """Values (len(t), n) of the splines at times within the duration."""
         inside = np.clip(t, 0.0, self.duration * (1.0 - 1e-12))
-        found = BSpline.design_matrix(inside, self.knots, DEGREE).toarray()
-        return np.asarray(found, dtype=np.float64)
+        matrix = BSpline.design_matrix(inside, self.knots, DEGREE).toarray()
+        return np.asarray(matrix, dtype=np.float64)
 
 
 def ends_of_steps(n: int, h: float) -> Array:

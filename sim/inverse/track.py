@@ -112,9 +112,9 @@ def track(
             )
             along, r = _residuals(system, response, target, pushes, state, chase, weights)
             Q, c = objective.quadratic(along, r, response.activation)
-            found = minimise_in_box(Q, c, objective.low, objective.high, last)
-            moved = float(np.abs(found.x - a).max())
-            a, rounds = found.x, rounds + 1
+            minimum = minimise_in_box(Q, c, objective.low, objective.high, last)
+            moved = float(np.abs(minimum.x - a).max())
+            a, rounds = minimum.x, rounds + 1
             if rounds >= weights.rounds or moved < 1e-9:
                 break
         state = _advanced(system, integrator, state, response, a, h, work, weights)
@@ -122,8 +122,8 @@ def track(
         for rows, one in pushes:
             reached = np.concatenate([reached, one.reached(system, state, rows) / one.size])
             wanted = np.concatenate([wanted, one.wanted(t1) / one.size])
-        saturated = float((found.at_high & (objective.high > objective.low)).sum())
-        about = misfit(reached, wanted), found.violation, response.rows, saturated
+        saturated = float((minimum.at_high & (objective.high > objective.low)).sum())
+        about = misfit(reached, wanted), minimum.violation, response.rows, saturated
         records.append((a, reached, wanted, *about))
         times.append(t1)
         if progress is not None:

@@ -97,27 +97,27 @@ def fit(
         flat = here.coefficients.ravel()
         wanted = minimise_in_box(problem.Q, problem.c, 0.0 * flat, 0.0 * flat + 1.0, flat).x
         predicted = problem.value(flat) - problem.value(wanted)
-        share, found = 1.0, None
+        share, accepted = 1.0, None
         for _ in range(HALVINGS):
             c = here.coefficients + share * (wanted - flat).reshape(here.coefficients.shape)
             try:
-                found = at(c, derivatives=False)
+                accepted = at(c, derivatives=False)
             except SimulationError:
-                found = None
-            if found is not None and value(found) < reached[-1]:
+                accepted = None
+            if accepted is not None and value(accepted) < reached[-1]:
                 break
-            share, found = 0.5 * share, None
-        if found is None and here.exact:
+            share, accepted = 0.5 * share, None
+        if accepted is None and here.exact:
             break
-        if found is None:
+        if accepted is None:
             here = at(here.coefficients)
             continue
-        reached.append(value(found))
+        reached.append(value(accepted))
         decrease = reached[-2] - reached[-1]
         little = decrease < enough * abs(reached[-2])
         converged = little and here.exact
         keep = converged or (not little and decrease > KEPT * predicted)
-        here = replace(found, J=here.J, exact=False) if keep else at(found.coefficients)
+        here = replace(accepted, J=here.J, exact=False) if keep else at(accepted.coefficients)
         if after is not None and (converged or here.exact):
             after(here, iterations if converged else k + 1)
         if converged:

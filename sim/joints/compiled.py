@@ -106,8 +106,8 @@ class CompiledJoints:
             k = np.flatnonzero(first >= 0)
             place = np.searchsorted(self.columns, first[k])[:, None] + np.arange(6)
             G[own[k, None], place] += slope[k]
-        held = self._held
-        if len(held):
+        attached = self._held
+        if len(attached):
             entry = JP[self._row, self._axis] * kinematics.matrix(pose).data[self._place]
             np.add.at(G, (self._row, self._column), entry)
         moved = kinematics.drift(pose, pose.t)
@@ -116,7 +116,7 @@ class CompiledJoints:
             for side, slope in ((table.body_a, JA), (table.body_b, JB)):
                 k = np.flatnonzero(side >= 0)
                 drift[k] += (slope[k] * twists[side[k]]).sum(axis=1)
-            drift[held] += (JP[held] * moved[table.point[held]]).sum(axis=1)
+            drift[attached] += (JP[attached] * moved[table.point[attached]]).sum(axis=1)
         return RowValues(c, G, drift)
 
     def by_motion(self, G: Array, d: Array) -> Array:
@@ -270,9 +270,9 @@ def row_table(rows: Sequence[Row], bodies: Mapping[str, int], rest: Pose) -> Row
                 f"joint row {row.name} refers to point {row.point}, expected 0..{len(rest.q) - 1}"
             )
 
-    def origins(of: list[int]) -> Array:
+    def origins(bodies: list[int]) -> Array:
         centres = np.vstack([rest.frames[:, :3], np.zeros(3)])
-        return np.array([row.origin - centres[k] for row, k in zip(rows, of, strict=True)])
+        return np.array([row.origin - centres[k] for row, k in zip(rows, bodies, strict=True)])
 
     def whole(values: list[int]) -> Index:
         return np.array(values, dtype=np.int64)

@@ -46,20 +46,20 @@ def resolve(
     points; `still` (n_bodies,) is True for fixed bodies.
     """
     owner: dict[int, tuple[Attachment, int]] = {}
-    held = np.zeros((mesh.n_nodes, 3), dtype=bool)
+    fixed = np.zeros((mesh.n_nodes, 3), dtype=bool)
     for attachment in attachments:
         if attachment.axes:
-            held[np.ix_(attachment.nodes, np.array(attachment.axes))] = True
+            fixed[np.ix_(attachment.nodes, np.array(attachment.axes))] = True
             continue
         for i, node in enumerate(attachment.nodes.tolist()):
             before = owner.get(node)
-            if before is not None or held[node].any():
+            if before is not None or fixed[node].any():
                 name = "Fixed" if before is None else before[0].name
                 raise SceneError(
                     f"node {node} is held by {name} and by {attachment.name}: remove one"
                 )
             owner[node] = attachment, i
-    both = [node for node in owner if held[node].any()]
+    both = [node for node in owner if fixed[node].any()]
     if both:
         raise SceneError(
             f"node {both[0]} is held by Fixed and by {owner[both[0]][0].name}: remove one"
@@ -95,13 +95,13 @@ def resolve(
     dependent = np.array(sorted(rows), dtype=np.int64)
     for node, row in rows.items():
         # Points that depend only on fixed bodies or nodes are fixed.
-        stays = [held[n] for n in row.nodes] + [np.full(3, still[b]) for b in row.bodies]
-        held[node] = np.all(stays, axis=0)
+        stays = [fixed[n] for n in row.nodes] + [np.full(3, still[b]) for b in row.bodies]
+        fixed[node] = np.all(stays, axis=0)
     return Chains(
         dependent,
         _weights(dependent, rows, mesh.n_nodes),
         *_arms(dependent, rows),
-        held,
+        fixed,
         tuple((a.nodes, a.path) for a in attachments if a.path is not None),
     )
 
@@ -127,12 +127,12 @@ def _weights(dependent: Index, rows: dict[int, _Row], n: int) -> csr_array:
 
 
 def _arms(dependent: Index, rows: dict[int, _Row]) -> tuple[Index, Index, Array, Array]:
-    found = [
+    arms = [
         (point, body, *rows[point].bodies[body])
         for point in dependent.tolist()
         for body in sorted(rows[point].bodies)
     ]
-    point, body, share, arm = zip(*found, strict=True) if found else ((), (), (), ())
+    point, body, share, arm = zip(*arms, strict=True) if arms else ((), (), (), ())
     return (
         np.array(point, dtype=np.int64),
         np.array(body, dtype=np.int64),

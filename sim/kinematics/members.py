@@ -118,9 +118,9 @@ class InElement:
     def attach(self, mesh: Mesh, bodies: Mapping[str, int]) -> Attachment:
         """Nodes interpolated from those of an element."""
         nodes = _checked(self, self.nodes, mesh)
-        found = self.embedding or embed(mesh, mesh.X[nodes], tolerance=self.tolerance)
-        holders = index_rows("InElement", "holding node", found.nodes, mesh.n_nodes, None)
-        weights = np.asarray(found.weights, dtype=np.float64)
+        embedding = self.embedding or embed(mesh, mesh.X[nodes], tolerance=self.tolerance)
+        holders = index_rows("InElement", "holding node", embedding.nodes, mesh.n_nodes, None)
+        weights = np.asarray(embedding.weights, dtype=np.float64)
         if holders.shape != weights.shape or holders.shape[:1] != nodes.shape:
             raise SceneError(
                 f"InElement: an embedding with nodes {holders.shape} and weights {weights.shape} for "

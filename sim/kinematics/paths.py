@@ -83,13 +83,13 @@ class Paths:
         return (later - sooner) / (2.0 * APART)
 
     def _around(self, t: float, steps: tuple[int, ...]) -> list[Array]:
-        found: list[Array] = []
+        points: list[Array] = []
         for k in steps:
             frames = np.zeros((self._n, 7))
             frames[:, 3] = 1.0
             self.set_frames(frames, t + k * APART)
-            found.append(frames)
-        return found
+            points.append(frames)
+        return points
 
 
 def _slope(x: Sequence[Array]) -> Array:

@@ -138,7 +138,7 @@ def slopes(law: FibreLaw, stretch: Array, activation: Array) -> Array:
     """Slopes dw/dstretch [Pa] alone, of any shape, by the kernel of the element loop."""
     p = np.zeros(N_FIBRE)
     p[: len(law.parameters())] = law.parameters()
-    found = np.empty(stretch.shape)
+    slope = np.empty(stretch.shape)
     given = (np.ascontiguousarray(x).reshape(-1) for x in (stretch, activation))
-    laws.fibre_slopes(law.code, p, *given, found.reshape(-1))
-    return found
+    laws.fibre_slopes(law.code, p, *given, slope.reshape(-1))
+    return slope

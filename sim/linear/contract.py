@@ -138,14 +138,14 @@ class Matrix:
 
 def merged(products: Sequence[LowRankTerm]) -> tuple[LowRankTerm, ...]:
     """Sum of products, combined if their G are equal."""
-    found: list[LowRankTerm] = []
+    terms: list[LowRankTerm] = []
     for part in products:
-        same = [i for i, other in enumerate(found) if _same(other, part)]
+        same = [i for i, other in enumerate(terms) if _same(other, part)]
         if same:
-            found[same[0]] = replace(part, k=found[same[0]].k + part.k)
+            terms[same[0]] = replace(part, k=terms[same[0]].k + part.k)
         else:
-            found.append(part)
-    return tuple(found)
+            terms.append(part)
+    return tuple(terms)
 
 
 def _same(one: LowRankTerm, other: LowRankTerm) -> bool:

@@ -135,17 +135,17 @@ class ReusedFactor:
         if self._active is None or self._excess >= self._active.solutions_per_factorisation:
             self._renew()
         if self._fresh is not None:
-            found = self._iterate(rhs, x, error, self._fresh + PATIENCE, under)
-            self._excess += max(found.iterations - self._fresh, 0)
-            if found.reached and found.smallest >= SINGULAR:
-                return found.x
+            solution = self._iterate(rhs, x, error, self._fresh + PATIENCE, under)
+            self._excess += max(solution.iterations - self._fresh, 0)
+            if solution.reached and solution.smallest >= SINGULAR:
+                return solution.x
             self._renew()
-            x = found.x if np.isfinite(found.x).all() else x
-        found = self._iterate(rhs, x, error, MOST_SOLUTIONS, under)
-        self._fresh = found.iterations
+            x = solution.x if np.isfinite(solution.x).all() else x
+        solution = self._iterate(rhs, x, error, MOST_SOLUTIONS, under)
+        self._fresh = solution.iterations
         # The matrix may be indefinite although its approximation is not.
-        self.definite = self.definite and found.smallest > 0.0
-        return found.x if found.reached else self._solve_whole(rhs, under)
+        self.definite = self.definite and solution.smallest > 0.0
+        return solution.x if solution.reached else self._solve_whole(rhs, under)
 
     def roughly(self, rhs: Array, under: Equations | None = None) -> Array:
         """Solve with the existing factor of a similar matrix, rhs (n,) or (k, n).
@@ -184,9 +184,9 @@ class ReusedFactor:
             if under is not None:
                 x = under.solved(x, self._columns(under))
                 precondition = partial(self.roughly, under=under)
-            found = gmres(product, precondition, rhs, x, error, limit)
-        self.iterations += found.iterations
-        return found
+            solution = gmres(product, precondition, rhs, x, error, limit)
+        self.iterations += solution.iterations
+        return solution
 
     def _renew(self) -> None:
         """Factorise the current matrix, or its approximation."""

@@ -54,8 +54,8 @@ class QuasiDefinite:
 
         It is 0 exactly if A is positive definite on the null space of G.
         """
-        found: int | None = getattr(self._solver, "negative_pivots", None)
-        return None if found is None else abs(found - self._rows)
+        count: int | None = getattr(self._solver, "negative_pivots", None)
+        return None if count is None else abs(count - self._rows)
 
     def analyse(self, pattern: Sparsity) -> None:
         """Order and analyse the sparsity of the saddle matrix."""

@@ -80,9 +80,9 @@ def static_responses(system: System, q: Array, level: float = 0.1) -> Array:
     solver = linear_solver()
     solver.analyse(system.pattern)
     solver.factorise(K)
-    found = np.zeros((n, q.size))
+    responses = np.zeros((n, q.size))
     for muscle in range(n):
         active = system.control(level * (np.arange(n) == muscle))
         change = system.force(q, active).f - at_rest.f
-        found[muscle, system.free] = solver.solve(change.reshape(-1)[system.free])
-    return found.reshape(n, *q.shape)
+        responses[muscle, system.free] = solver.solve(change.reshape(-1)[system.free])
+    return responses.reshape(n, *q.shape)

@@ -24,14 +24,14 @@ class Closure:
 
     def __call__(self, features: Array) -> Array:
         """Corrections (t, k, 3) [m] for features (t, n_features)."""
-        found = each_product(self.weights, features) + self.offset
-        return found.reshape(len(features), -1, 3)
+        values = each_product(self.weights, features) + self.offset
+        return values.reshape(len(features), -1, 3)
 
 
 def each_product(matrix: Array, vectors: Array) -> Array:
     """Products (t, k) of one matrix (k, n) with each vector (t, n), not influenced by their number."""
-    found: Array = np.matmul(matrix, vectors[..., None])[..., 0]
-    return found
+    product: Array = np.matmul(matrix, vectors[..., None])[..., 0]
+    return product
 
 
 def features_of(outputs: Outputs, activation: Array, n: int) -> Array:

@@ -173,15 +173,15 @@ class ReducedContact:
 
 def near_slots(contact: CompiledContact, motions: Iterable[Array], within: float) -> Index:
     """Slots whose points come within a distance [m] of a face at positions (n_nodes, 3)."""
-    found = np.zeros(len(contact.vertex_of_slot), dtype=bool)
+    near = np.zeros(len(contact.vertex_of_slot), dtype=bool)
     for q in motions:
         for d in contact.directions:
             vertices, x = (
                 s.vertices if isinstance(s, RigidShell) else q for s in (d.surface, d.faces)
             )
             met = d.closest(d.at(vertices), within, x)
-            found[d.slots[met.point]] = True
-    return np.flatnonzero(found)
+            near[d.slots[met.point]] = True
+    return np.flatnonzero(near)
 
 
 def _require_supported(contact: CompiledContact) -> None:

@@ -35,14 +35,14 @@ class Sample:
 
 def element_forces(solid: ReducedSolid, y: Array, activation: Array) -> Array:
     """Forces (n_elements, 24) of every element, of weight one, on its nodes at y (r,)."""
-    found = solid_of(solid.whole).pointwise
+    elements = solid_of(solid.whole).pointwise
     size, none = len(solid.weight), np.zeros(0)
     q = solid.rest + (solid.modes[:, : len(y)] @ y).reshape(-1, 3)
     forces = np.zeros((size, 3 * NODES))
-    for part, places in zip(found.parts, found.places, strict=True):
+    for part, places in zip(elements.parts, elements.places, strict=True):
         own = part._replace(nodes=np.arange(part.nodes.size).reshape(part.nodes.shape))
         f = np.zeros((part.nodes.size, 3))
-        of_laws = found.laws, found.fibres, activation, none, np.bool_(False)
+        of_laws = elements.laws, elements.fibres, activation, none, np.bool_(False)
         results = f, np.zeros(size), np.zeros(size), none
         kernel.evaluate(q[part.nodes.ravel()], own, places, *of_laws, *results)
         forces[part.element] = f.reshape(len(part.nodes), -1)
@@ -108,15 +108,15 @@ def sampled(
 
 def moving_nodes(solid: ReducedSolid) -> Index:
     """Nodes (n_elements, 8) of every element that move; -1 where there is none, or a second time."""
-    found = np.full((len(solid.weight), NODES), -1)
+    moving = np.full((len(solid.weight), NODES), -1)
     still = np.flatnonzero(~solid.modes.reshape(len(solid.rest), -1).any(axis=1))
     for part in solid_of(solid.whole).pointwise.parts:
         nodes = np.sort(part.nodes, axis=1)
         none = np.isin(nodes, still)
         none[:, 1:] |= nodes[:, 1:] == nodes[:, :-1]
         nodes[none] = -1
-        found[part.element] = nodes
-    return found
+        moving[part.element] = nodes
+    return moving
 
 
 def sparse_weights(
@@ -181,6 +181,6 @@ def _least_squares(gram: Array, right: Array) -> Array:
 def _bordered(gram: Array, row: Array, corner: float) -> Array:
     """Gram matrix with one more row and column."""
     n = len(gram)
-    found = np.empty((n + 1, n + 1))
-    found[:n, :n], found[n, :n], found[:n, n], found[n, n] = gram, row, row, corner
-    return found
+    matrix = np.empty((n + 1, n + 1))
+    matrix[:n, :n], matrix[n, :n], matrix[:n, n], matrix[n, n] = gram, row, row, corner
+    return matrix

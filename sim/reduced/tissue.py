@@ -43,8 +43,8 @@ def projected_matrix(system: System, values: Array, modes: Array) -> Array:
     """Phi' K Phi (n, n) of values K on the pattern of a system, for modes (3 n_nodes, n)."""
     free = np.ascontiguousarray(modes[system.free])
     columns = [symmetric_product(system.point_pattern, values, mode) for mode in free.T]
-    found: Array = np.ascontiguousarray(np.array(columns) @ free)
-    return found
+    projected: Array = np.ascontiguousarray(np.array(columns) @ free)
+    return projected
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +98,9 @@ def _some(part: Part, own: Index, number: Index) -> Part:
 def elements_of(solid: ReducedSolid) -> Elements:
     """Weighted elements of a reduced solid, for the kernels."""
     compiled = solid_of(solid.whole)
-    found, weight = compiled.pointwise, solid.weight
-    chosen = [np.flatnonzero(weight[part.element] > 0.0) for part in found.parts]
-    pairs = list(zip(found.parts, chosen, strict=True))
+    elements, weight = compiled.pointwise, solid.weight
+    chosen = [np.flatnonzero(weight[part.element] > 0.0) for part in elements.parts]
+    pairs = list(zip(elements.parts, chosen, strict=True))
     used = np.concatenate([part.nodes[own] for part, own in pairs])
     still = np.abs(solid.modes).reshape(len(solid.rest), -1).max(axis=1) == 0.0
     # nodes in the order of their first element, and those that do not move behind them
@@ -110,15 +110,15 @@ def elements_of(solid: ReducedSolid) -> Elements:
     number[nodes] = np.arange(len(nodes))
     m = len(nodes) - np.count_nonzero(still[nodes])
     parts = [_some(part, own, number) for part, own in pairs]
-    empty = _some(found.parts[0], np.zeros(0, dtype=np.int64), number)
+    empty = _some(elements.parts[0], np.zeros(0, dtype=np.int64), number)
     n = solid.modes.shape[1]
     rows = np.zeros((m, 3, LANES * -(-n // LANES)), dtype=np.float32)
     rows[..., :n] = solid.modes.reshape(len(solid.rest), 3, n)[nodes[:m]]
     return Elements(
         # always as many parts as there are types of elements, so that kernels are compiled once
         tuple(parts + [empty] * (len(ELEMENT_TYPES) - len(parts))),
-        found.laws,
-        found.fibres,
+        elements.laws,
+        elements.fibres,
         np.ascontiguousarray(weight, dtype=np.float64),
         np.ascontiguousarray(solid.rest[nodes]),
         rows.reshape(-1, LANES),

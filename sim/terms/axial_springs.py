@@ -55,7 +55,7 @@ class AxialSprings(Term):
 
     def compile(self, layout: Layout) -> CompiledLineMuscles:
         """Lay the paths out."""
-        found = self._lines.compile(replace(layout, muscles=()))
+        compiled = self._lines.compile(replace(layout, muscles=()))
         if self.rest is not None:
-            found.table = found.table._replace(rest=np.asarray(self.rest, dtype=np.float64))
-        return found
+            compiled.table = compiled.table._replace(rest=np.asarray(self.rest, dtype=np.float64))
+        return compiled

@@ -51,13 +51,13 @@ class LineMuscles(Term):
     tolerance: float = 1e-6
 
     def __post_init__(self) -> None:
-        found = {fibre.muscle for fibre in self.fibres}
-        if found - set(range(len(self.names))):
+        named = {fibre.muscle for fibre in self.fibres}
+        if named - set(range(len(self.names))):
             raise SceneError(
-                f"a line fibre refers to muscle {max(found)}, expected 0..{len(self.names) - 1}"
+                f"a line fibre refers to muscle {max(named)}, expected 0..{len(self.names) - 1}"
             )
         for k, name in enumerate(self.names):
-            if k not in found:
+            if k not in named:
                 raise SceneError(f"line muscle {name} has no fibre")
         for what, given in (("line laws", self.law), ("relations", self.relation)):
             if isinstance(given, Sequence) and len(given) != len(self.names):

@@ -169,11 +169,11 @@ class CompiledNodalVolume(_NodalPressures):
 
     def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
         """As before, with the stiffness of the products, which couples second neighbours."""
-        found = super().add(q, control, f, K)
+        evaluation = super().add(q, control, f, K)
         if K is not None:
             places = self._pair_start, self._pair_node, self._first, self._second, self._target
             kernel.add_products(self._stiffness, self._g, *places, K)
-        return found
+        return evaluation
 
 
 class CompiledSparseNodalVolume(_NodalPressures):

@@ -78,13 +78,13 @@ class Solid(Term):
         if self.stress_free is None:
             return mesh.volumes()
         _stretch_at_centres(self, mesh)  # refuses invalid positions
-        first, found = 0, [np.empty(0)]
+        first, volumes = 0, [np.empty(0)]
         for block in mesh.blocks:
             n, kind = len(block.nodes), block.kind
             corners = self.stress_free[first : first + n, : kind.n_nodes]
-            found.append(np.linalg.det(np.einsum("eai,paj->epij", corners, kind.dN)) @ kind.weights)
+            volumes.append(np.linalg.det(np.einsum("eai,paj->epij", corners, kind.dN)) @ kind.weights)
             first += n
-        return np.concatenate(found)
+        return np.concatenate(volumes)
 
     def pair_keys(self, mesh: Mesh) -> Index:
         """All pairs of nodes within an element."""
@@ -207,8 +207,8 @@ class CompiledSolid(CompiledTerm):
         own = np.unique(owner[fibres.muscle == muscle])
         tensor = (elements.part for elements in (*self._elastic, *self._relaxing))
         parts = (*self._scalar_parts, *tensor)
-        found = [part.nodes[np.isin(part.element, own)].ravel() for part in parts]
-        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *found]))
+        nodes = [part.nodes[np.isin(part.element, own)].ravel() for part in parts]
+        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *nodes]))
 
     def smallest_J(self, q: Array) -> tuple[float, int]:
         """Smallest det F over all Gauss points at positions q, and its element."""

@@ -104,8 +104,8 @@ class CompiledStiffening(CompiledTerm):
         weight = self.weights(control)
         if not weight.any():
             return Contribution(0.0)
-        found = self._solid.add(q, control, f, K, weight)
+        evaluation = self._solid.add(q, control, f, K, weight)
         if self._volume is None:
-            return found
+            return evaluation
         pressure = self._volume.add(q, control, f, K, weight)
-        return replace(found, energy=found.energy + pressure.energy)
+        return replace(evaluation, energy=evaluation.energy + pressure.energy)

@@ -128,8 +128,8 @@ class Strands:
 def _placed(fibre: LineFibre, mesh: Mesh, tolerance: float) -> tuple[Index, Array]:
     """Nodes (k, m) and weights (k, m) of every point of a fibre."""
     if fibre.points.ndim == 2:
-        found = embed(mesh, fibre.points, tolerance=tolerance)
-        return found.nodes, found.weights
+        embedding = embed(mesh, fibre.points, tolerance=tolerance)
+        return embedding.nodes, embedding.weights
     nodes = indices("a line fibre", "node", fibre.points, mesh.n_nodes)
     return nodes[:, None], np.ones((len(nodes), 1))
 

@@ -74,16 +74,16 @@ def rotations(axes: Array, wanted: Index) -> Array:
 
     Raises SceneError if axes are far from orthonormal or left-handed.
     """
-    found = axes[wanted]
-    finite = np.isfinite(np.sum(found, axis=(1, 2)))
-    U, _, Vt = np.linalg.svd(np.where(finite[:, None, None], found, np.eye(3)))
+    matrices = axes[wanted]
+    finite = np.isfinite(np.sum(matrices, axis=(1, 2)))
+    U, _, Vt = np.linalg.svd(np.where(finite[:, None, None], matrices, np.eye(3)))
     nearest = U @ Vt
-    off = np.abs(nearest - found).max(axis=(1, 2))
+    off = np.abs(nearest - matrices).max(axis=(1, 2))
     good = finite & (off < 1e-2) & (np.linalg.det(nearest) > 0.0)
     if not good.all():
         bad = int(np.argmin(good))
         raise SceneError(
-            f"the material axes of element {wanted[bad]} are {found[bad].tolist()}, expected three "
+            f"the material axes of element {wanted[bad]} are {matrices[bad].tolist()}, expected three "
             "orthonormal, right-handed columns"
         )
     out = np.broadcast_to(np.eye(3), axes.shape).copy()
