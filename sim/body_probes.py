@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.errors import SceneError
-from sim.integrators.held import forces_of_rows
+from sim.integrators.constrained_acceleration import forces_of_rows
 from sim.joints.compiled import CompiledJoints
 from sim.joints.contract import REACTIONS
 from sim.probes import AXES, Report, Values, Variable

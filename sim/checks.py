@@ -23,7 +23,11 @@ def number(place: str, name: str, value: object, *, error: Refused = SceneError)
     arrays and NaN. Raises the given error.
     """
     value_as_array = _array(value)
-    if value_as_array.ndim == 0 and value_as_array.dtype.kind in "iuf" and not np.isnan(value_as_array):
+    if (
+        value_as_array.ndim == 0
+        and value_as_array.dtype.kind in "iuf"
+        and not np.isnan(value_as_array)
+    ):
         return float(value_as_array)
     raise error(f"{place}: {name} = {_shown(value)}, expected a real number")
 

@@ -25,11 +25,11 @@ def compile_scene(scene: Scene) -> System:
     """
     for term in scene.terms:
         _require(term, Term)
-    if len(having(scene.terms, "apart")) > 1:
+    if len(having(scene.terms, "without_contact_entries")) > 1:
         raise SceneError("a scene has two ConstraintContact, expected one with all pairings")
-    system = _compile(scene, tuple(term.apart() for term in scene.terms))
+    system = _compile(scene, tuple(term.without_contact_entries() for term in scene.terms))
     # the matrix of points of bodies and joints has no entries for rows of contact
-    if not having(scene.terms, "apart") or scene.bodies or scene.joints:
+    if not having(scene.terms, "without_contact_entries") or scene.bodies or scene.joints:
         return system
     return replace(system, with_rows=_WithRows(scene))
 

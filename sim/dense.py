@@ -66,7 +66,7 @@ Push = Callable[[Array], Array]
 """Motion A^-1 G'f, (n,) or (k, n), by forces f of the rows, (m,) or (k, m)."""
 
 
-def held(
+def solve_under_rows(
     x: Array,
     G: Array | csr_array,
     S: Array,

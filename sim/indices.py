@@ -14,8 +14,8 @@ def indices(
 ) -> Index:
     """Indices (k,) from whole numbers in 0..n - 1, or from a mask (n,) of those that are meant.
 
-    `place` and `what` name the part and what it counts in messages. Without n the numbers are checked for
-    all but their range; a mask then raises, because its length cannot be checked.
+    `place` and `what` name the part and what it counts in messages. Without n the range of the numbers
+    is not checked; a mask then raises, because its length cannot be checked.
 
     Raises the given error for other shapes and types, numbers that are not whole, negative or too large,
     and masks of another length.
@@ -68,7 +68,9 @@ def index_rows(
     return _whole(place, what, values, n, error)
 
 
-def index(place: str, what: str, given: object, n: int | None, *, error: Refused = SceneError) -> int:
+def index(
+    place: str, what: str, given: object, n: int | None, *, error: Refused = SceneError
+) -> int:
     """One index in 0..n - 1; raises as `indices`."""
     value = np.asarray(given)
     if value.ndim:
@@ -99,30 +101,30 @@ def count_of(given: ArrayLike) -> int:
 
 def _whole(
     place: str,
-    of: str,
-    found: NDArray[np.generic],
+    owner: str,
+    given: NDArray[np.generic],
     n: int | None,
     error: Refused,
     least: int | None = 0,
 ) -> Index:
     """Checked numbers as int64."""
-    if found.dtype.kind not in "iuf":
-        if found.size == 0 and found.dtype.kind != "b":
-            return np.empty(found.shape, dtype=np.int64)
+    if given.dtype.kind not in "iuf":
+        if given.size == 0 and given.dtype.kind != "b":
+            return np.empty(given.shape, dtype=np.int64)
         what = (
-            "true and false values" if found.dtype.kind == "b" else f"values of type {found.dtype}"
+            "true and false values" if given.dtype.kind == "b" else f"values of type {given.dtype}"
         )
-        raise error(f"{place}: the {of}s are {what}, expected whole numbers")
-    if found.dtype.kind == "f":
-        values = found.astype(np.float64)
+        raise error(f"{place}: the {owner}s are {what}, expected whole numbers")
+    if given.dtype.kind == "f":
+        values = given.astype(np.float64)
         good = np.isfinite(values) & (values == np.round(values)) & (np.abs(values) < 2.0**53)
         if not good.all():
             at = tuple(int(i) for i in np.argwhere(~good)[0])
             raise error(
-                f"{place}: {of} {float(values[at])!r} at place {_shown(at)} is no whole number, "
+                f"{place}: {owner} {float(values[at])!r} at place {_shown(at)} is no whole number, "
                 "expected indices from 0 or a mask"
             )
-    whole = found.astype(np.int64)
+    whole = given.astype(np.int64)
     # unsigned numbers above the largest int64 become negative
     low = np.iinfo(np.int64).min if least is None else least
     outside: NDArray[np.bool_] = whole < low
@@ -132,7 +134,7 @@ def _whole(
         at = tuple(int(i) for i in np.argwhere(outside)[0])
         allowed = "a number from 0" if n is None else f"0..{n - 1}"
         raise error(
-            f"{place} refers to {of} {found[at]}, expected {allowed} (at place {_shown(at)})"
+            f"{place} refers to {owner} {given[at]}, expected {allowed} (at place {_shown(at)})"
         )
     return whole
 

@@ -63,7 +63,9 @@ class Multibody:
             **{"still": (k, 6), "A": (n, n), "I": (3, 3), "inverse": (k, 3, 3)},
         }
         rows = {
-            **dict.fromkeys(("c", "drift", "target", "f", "held", "positive", "violated"), (m,)),
+            **dict.fromkeys(
+                ("c", "drift", "target", "f", "row_force", "positive", "violated"), (m,)
+            ),
             **{"G": (m, n), "Y": (m, n), "S": (m, m), "T": (m, m)},
             **{"JA": (m, 6), "JB": (m, 6), "JP": (m, 3)},
         }

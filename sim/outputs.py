@@ -133,9 +133,9 @@ class Between:
 
     def __call__(self, before: State, after: State) -> None:
         """Interpolate the instants within one accepted step."""
-        self.states += [between(before, after, t) for t in self._of(before.t, after.t)]
+        self.states += [between(before, after, t) for t in self._within(before.t, after.t)]
 
-    def _of(self, t0: float, t1: float) -> Iterator[float]:
+    def _within(self, t0: float, t1: float) -> Iterator[float]:
         return (t for t in self.wanted[len(self.states) :] if t0 < t <= t1)
 
 

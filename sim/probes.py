@@ -92,7 +92,7 @@ class _Named:
                 f"{place}: {count_of(self.nodes)} nodes for {len(self.names)} names, expected one each"
             )
 
-    def _of(self, n: int) -> Index:
+    def _indices(self, n: int) -> Index:
         return indices(type(self).__name__, "node", self.nodes, n)
 
 
@@ -106,11 +106,11 @@ class Markers(_Named):
 
     def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Copy the marker positions."""
-        return (state.q[self._of(len(state.q))],)
+        return (state.q[self._indices(len(state.q))],)
 
     def record_all(self, system: System, outputs: Outputs, activation: Array) -> tuple[Array, ...]:
         """Copy the marker positions."""
-        return (outputs.q[:, self._of(outputs.q.shape[1])],)
+        return (outputs.q[:, self._indices(outputs.q.shape[1])],)
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ class StepErrors(_Named):
 
     def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Return the estimate at the nodes; zero at the start."""
-        nodes = self._of(len(state.q))
+        nodes = self._indices(len(state.q))
         none = np.zeros((len(nodes), 3))
         if report is None:
             return none, none, none, none, none, 0.0
@@ -229,13 +229,13 @@ class Iterations:
 
     def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Copy the report; zeros for the initial state."""
-        return (0.0,) * 7 if report is None else self._of(report)
+        return (0.0,) * 7 if report is None else self._counts(report)
 
     def record_all(self, system: System, outputs: Outputs, activation: Array) -> tuple[Array, ...]:
         """Copy the reports."""
-        return tuple(np.array([self._of(r) for r in outputs.reports], dtype=np.float64).T)
+        return tuple(np.array([self._counts(r) for r in outputs.reports], dtype=np.float64).T)
 
-    def _of(self, report: StepReport) -> tuple[float, ...]:
+    def _counts(self, report: StepReport) -> tuple[float, ...]:
         return (
             report.iterations,
             report.factorisations,

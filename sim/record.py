@@ -48,7 +48,7 @@ class Log:
         return LostSwingWarning(share, time, worst.node)
 
     @contextmanager
-    def told(self) -> Generator[None]:
+    def noting_lost_stability(self) -> Generator[None]:
         """Add an earlier loss of stability to an error message."""
         try:
             yield

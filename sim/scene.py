@@ -78,7 +78,7 @@ class CompiledTerm:
         """Matrix-free product that the stiffness has in addition to that of `add`."""
         raise NotImplementedError
 
-    def add_stand_in(self, q: Array, K: Array) -> None:
+    def add_preconditioner_values(self, q: Array, K: Array) -> None:
         """Add an approximation of the product on the pattern, for the preconditioner."""
 
     def nodes_of_muscle(self, muscle: int) -> Index:
@@ -132,7 +132,7 @@ class Term:
         """Term with the same forces that has a `product` when compiled, or the term itself."""
         return self
 
-    def apart(self) -> "Term":
+    def without_contact_entries(self) -> "Term":
         """Contact without entries for its rows in the matrix of points; other terms themselves."""
         return self
 
@@ -243,7 +243,7 @@ class Scene(Described):
         numbers = {body.name: b for b, body in enumerate(self.bodies)}
         members = [member.attach(self.whole, numbers) for member in self.reductions]
         fixed = len({(int(n), axis) for a in members for n in a.nodes for axis in a.axes})
-        facts["held"] = f"{fixed} of {3 * self.mesh.n_nodes} unknowns"
+        facts["fixed"] = f"{fixed} of {3 * self.mesh.n_nodes} unknowns"
         facts["damping"] = type(self.damping).__name__ if self.damping else "none"
         if self.constraints:
             facts["conditions"] = listed(self.constraints)

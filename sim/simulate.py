@@ -241,7 +241,7 @@ def _together(
     t, frames = np.array([state.t]), state.frames[None]
     passed = steps.through(motion, state, groups)
     while done < len(groups):
-        with log.told():
+        with log.noting_lost_stability():
             outputs = next(passed)
         driven = activation.at_all(outputs.t)
         t, frames = np.concatenate([t, outputs.t]), np.concatenate([frames, outputs.frames])
@@ -278,7 +278,7 @@ def _one_by_one(
 
     for i, interval in enumerate(plan):
         bent, astray = astray, control.astray(state.t, interval.until) if interval.inside else 0.0
-        with log.told():
+        with log.noting_lost_stability():
             # The initial velocities, too, result from the activation before the interval.
             passed = outputs_of(advance, state, interval, smallest_J, max(bent, astray))
         before, state = state, passed[-1][0]

@@ -280,7 +280,7 @@ class Outputs:
     reports: Sequence[StepReport]
 
     @classmethod
-    def of(cls, state: State, report: StepReport) -> "Outputs":
+    def at_state(cls, state: State, report: StepReport) -> "Outputs":
         """One output."""
         memory = {name: x[None] for name, x in state.memory.items()}
         t, (q, v) = np.array([state.t]), (x[None] for x in (state.q, state.v))

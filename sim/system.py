@@ -274,11 +274,11 @@ def products(system: System, pose: Pose) -> tuple[LowRankTerm, ...]:
     return tuple(system.kinematics.product(part, pose) for part in parts)
 
 
-def stand_in(system: System, pose: Pose) -> Array:
+def preconditioner_values(system: System, pose: Pose) -> Array:
     """Approximation of the products, for the preconditioner."""
     K = np.zeros(system.point_pattern.nnz)
     for term in system.terms:
-        term.add_stand_in(pose.q, K)
+        term.add_preconditioner_values(pose.q, K)
     return system.kinematics.generalised_matrix(K, None, pose)
 
 
@@ -331,7 +331,7 @@ def stiffness_matrix(system: System, pose: Pose, K: Array, f: Array) -> Matrix:
     """The generalised stiffness with its products, from forces and stiffness of the points."""
     values = system.kinematics.generalised_matrix(K, f, pose)
     parts = products(system, pose)
-    approximation = (lambda: stand_in(system, pose)) if parts else None
+    approximation = (lambda: preconditioner_values(system, pose)) if parts else None
     return Matrix(system.pattern, values, parts, approximation)
 
 
@@ -370,5 +370,5 @@ def implicit_matrix(
                 *(part.scaled(by_damping) for part in D.products),
             ]
         ),
-        lambda: share * stand_in(system, pose),
+        lambda: share * preconditioner_values(system, pose),
     )

@@ -41,7 +41,7 @@ from sim.reduced import (
     coverage_factor,
     fitted_closure,
     mass_modes,
-    near_slots,
+    near_vertices,
     projected,
     reduce_system,
     static_responses,
@@ -198,7 +198,7 @@ def _reduced(
     contact = full.system.contact
     if contact is not None:
         some = np.linspace(0, len(moved) - 1, min(TOUCHED, len(moved))).astype(int)
-        near = near_slots(contact, rest + moved[some], CLOSE)
+        near = near_vertices(contact, rest + moved[some], CLOSE)
         data["contact_slot"] = "contact_point", near, {"units": "1"}
     return data.assign_attrs(largest_distance=float(whitened_size(levels, root).max()))
 

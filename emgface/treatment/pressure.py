@@ -121,7 +121,7 @@ class _Lips:
     def force(self) -> float:
         """Normal force of the lips on each other [N]."""
         assert self._system.contact is not None  # `pressure_held` requires it
-        return float(self._system.contact.pressed(self.state.memory)[LIPS])
+        return float(self._system.contact.normal_forces(self.state.memory)[LIPS])
 
 
 def pressure_held(

@@ -66,7 +66,7 @@ def _complementary(unilateral, near, m, b, S, T, on, place, positive, x, f):
     """Forces with S f + b = 0 of equations, and 0 <= f, S f + b >= 0, f (S f + b) = 0 of inequalities.
 
     Row i of S (m, m) and b is row `near`[i] of the scene. The primal-dual active set strategy of
-    `pushes` in `sim.contact.cone`. It may cycle; then the last row that violates its condition is
+    `solve_lcp` in `sim.contact.cone`. It may cycle; then the last row that violates its condition is
     changed alone, which ends for a positive definite S. Source: Judice and Pires 1994, A block
     principal pivoting algorithm for large-scale strictly monotone linear complementarity problems,
     Comput. Oper. Res. 21, 587-596.
@@ -85,14 +85,14 @@ def _complementary(unilateral, near, m, b, S, T, on, place, positive, x, f):
             slack *= SLACK if softened > 0.0 else 0.0
             for i in range(m - 1, -1, -1):
                 if unilateral[near[i]] and (same or change < CHANGES):
-                    pushes = f[i] > -slack
+                    active = f[i] > -slack
                     if not on[i]:
                         s = b[i]
                         for j in range(m):
                             s += (S[i, j] if j <= i else S[j, i]) * f[j]
-                        pushes = s < -slack * S[i, i]
-                    if pushes != on[i]:
-                        on[i], same = pushes, False
+                        active = s < -slack * S[i, i]
+                    if active != on[i]:
+                        on[i], same = active, False
             if same:
                 return True
     return False
@@ -189,7 +189,7 @@ def _hold(table, kinds, twists, h, step, rows):
         if not kinds.rigid[i]:
             drift[i] += rows.c[i] / time
         rows.chosen[i] = not kinds.unilateral[i] or drift[i] < 0.0
-        rows.held[i] = 0.0
+        rows.row_force[i] = 0.0
     m, more = 0, True
     while more:
         m = _choose(rows.chosen, near)
@@ -224,7 +224,7 @@ def _hold(table, kinds, twists, h, step, rows):
                 rows.chosen[i] = s < 0.0
                 more = more or s < 0.0
     for i in range(m):
-        rows.held[near[i]] = rows.f[i]
+        rows.row_force[near[i]] = rows.f[i]
     for j in range(n):
         w1[j] += g[j]
     return True
@@ -269,9 +269,9 @@ def restrict(table, kinds, bodies, q, known, step, rows):
 def move_on_rows(table, kinds, bodies, twists, q, h, theta, known, most, drift, step, rows):
     """Move bodies by w1 with the forces of rows, and project frames and velocities to the rows.
 
-    The projection is that of `sim.joints.compiled.CompiledJoints.projected`. The forces of the rows of the step,
-    and the impulses on the velocities as forces over it, are added in `held`. If the rows are `known` at
-    the first frames, they are not evaluated there.
+    The projection is that of `sim.joints.compiled.CompiledJoints.projected`. The forces of the rows of
+    the step, and the impulses on the velocities as forces over it, are added in `row_force`. If the rows
+    are `known` at the first frames, they are not evaluated there.
     """
     n, c, column, near, g = len(step.w0), rows.c, bodies.column, rows.near, step.g
     frames, inverse = step.frames, step.inverse
@@ -332,7 +332,7 @@ def move_on_rows(table, kinds, bodies, twists, q, h, theta, known, most, drift, 
         if len(c) == 0:
             return True
     for i in range(m):
-        rows.held[near[i]] += rows.f[i] / h
+        rows.row_force[near[i]] += rows.f[i] / h
     for j in range(n):
         step.w1[j] += g[j]
     return True

@@ -99,7 +99,7 @@ class RowScratch(NamedTuple):
     drift: Array
     target: Array
     f: Array
-    held: Array
+    row_force: Array
     positive: Array
     JA: Array
     JB: Array

@@ -183,7 +183,7 @@ def turned_tensor(frames, b, I, out):  # noqa: E741
 
 
 @inner
-def _of(I, v):  # noqa: E741
+def _momentum(I, v):  # noqa: E741
     """Product of a matrix (3, 3) and a vector."""
     return (
         I[0, 0] * v[0] + I[0, 1] * v[1] + I[0, 2] * v[2],
@@ -229,7 +229,7 @@ def coasted(I, w0, h, theta):  # noqa: E741
     start: implicit Euler for theta = 1, for which the energy never grows; a symmetric rule for theta =
     1/2. Newton's method in the axes of the start, with d(R'v) = -R'(dexp(.) dw x v).
     """
-    L, w = _of(I, w0), w0
+    L, w = _momentum(I, w0), w0
     size = math.sqrt(inner_product(L, L))
     for _ in range(COASTS):
         d = (
@@ -238,7 +238,7 @@ def coasted(I, w0, h, theta):  # noqa: E741
             h * ((1.0 - theta) * w0[2] + theta * w[2]),
         )
         back, momentum = _turned_by(d, w, -1.0), _turned_by(d, L, -1.0)
-        spin = _of(I, back)
+        spin = _momentum(I, back)
         r = (spin[0] - momentum[0], spin[1] - momentum[1], spin[2] - momentum[2])
         if math.sqrt(inner_product(r, r)) <= LEFT * size:
             return w, True
@@ -263,7 +263,7 @@ def _column(I, d, w, L, e, s):  # noqa: E741
     turn = _slope(d, e)
     turn = (s * turn[0], s * turn[1], s * turn[2])
     n, m = cross(turn, w), cross(turn, L)
-    inside = _of(I, _turned_by(d, (e[0] - n[0], e[1] - n[1], e[2] - n[2]), -1.0))
+    inside = _momentum(I, _turned_by(d, (e[0] - n[0], e[1] - n[1], e[2] - n[2]), -1.0))
     m = _turned_by(d, m, -1.0)
     return (inside[0] + m[0], inside[1] + m[1], inside[2] + m[2])
 

@@ -308,7 +308,7 @@ def advance_bodies(
         copy(step.frames, frames[i + 1])
         # forces of rows in their direction at the start, and those due to the rotation of the rows
         for j in range(len(row.c)):
-            reaction[i, j] = row.held[j]
+            reaction[i, j] = row.row_force[j]
         copy(still, twists[i + 1])
         for b in range(len(column)):
             if column[b] >= 0:

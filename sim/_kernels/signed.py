@@ -237,7 +237,7 @@ def _grouped(
 
 
 @allocating
-def _beside(
+def adjacent_walls(
     p, i, n, radius, may, listed, first, ties, tie, at, x, triangles, across, by_face, blur, deepest,
     point, face, place, wall, weight, gap, normal, way
 ):  # fmt: skip
@@ -359,7 +359,7 @@ def met(
                 for c in range(3):
                     weight[n, c] = rounded[lead, c]
                 n += 1
-        n = _beside(
+        n = adjacent_walls(
             p, i, n, radius[i], may[i], listed, first, ties, tie, at, x, triangles, across, by_face,
             blur, deepest, point, face, place, wall, weight, gap, normal, way
         )  # fmt: skip

@@ -209,7 +209,12 @@ def gather_nodal(
     24 kind[e] + 3 p onwards of slope. Writes nodal_volume (node,) and g (star entries, 3) = d
     nodal_volume / dx.
     """
-    h, start, star_start, place = np.empty((3, NODES)), corners.start, corners.star_start, corners.place
+    h, start, star_start, place = (
+        np.empty((3, NODES)),
+        corners.start,
+        corners.star_start,
+        corners.place,
+    )
     for m in range(first, last):
         sum_v = 0.0
         for s in range(star_start[m], star_start[m + 1]):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim.contact.rows import ENTERED, NEAREST, NO_ROWS, WALL, ContactRows, ContactTolerances, Flags
+from sim.contact.rows import CROSSED, NEAREST, NO_ROWS, WALL, ContactRows, ContactTolerances, Flags
 from sim.contact.search import (
     NO_NORMALS,
     Candidates,
@@ -14,7 +14,7 @@ from sim.contact.search import (
     PointFacePairs,
     SignedFaces,
     closest_faces,
-    entered_faces,
+    crossed_faces,
 )
 from sim.contact.surfaces import NodeSurface, Pairing, RigidShell, Surface, sides_of
 from sim.pattern import SymmetricPattern
@@ -69,7 +69,7 @@ class VertexFaceContact:
     vertices : (n, 2) nodes, or vertices of a shell, between which points that have rows are; a vertex is
         repeated.
     share : (n,) fractions of the way from the first to the second.
-    first_slot : slot of the first vertex; the others follow.
+    first_contact_vertex : index in the contact memory of the first vertex; the others follow.
     own, faces : surface of the vertices, and opposite surface.
     tolerances : their length is the distance below which vertices have rows.
     free : (n_nodes, 3) True for the free unknowns of the scene.
@@ -78,7 +78,7 @@ class VertexFaceContact:
     Attributes
     ----------
     nodes : (n,) nodes of the points, -1 for those of a shell and within an edge.
-    slots : (n,) index of each point in the contact memory.
+    contact_vertices : (n,) index of each point in the contact memory.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class VertexFaceContact:
         friction: float,
         vertices: Index,
         share: Array,
-        first_slot: int,
+        first_contact_vertex: int,
         own: SignedFaces,
         faces: SignedFaces,
         tolerances: ContactTolerances,
@@ -95,7 +95,7 @@ class VertexFaceContact:
         carriers: Index,
     ) -> None:
         self.pairing, self.vertices, self.share = pairing, vertices, share
-        self.slots = first_slot + np.arange(len(vertices))
+        self.contact_vertices = first_contact_vertex + np.arange(len(vertices))
         approach = tolerances.length
         self._friction, self._approach, self._free = friction, approach, free
         self._tolerances = tolerances
@@ -150,16 +150,16 @@ class VertexFaceContact:
     def near(self, move: StepGeometry, allowed: Array, way: Array | None) -> ContactRows:
         """Rows of the vertices near a face.
 
-        `allowed` (n_slots,) is the depth that vertices may have [m]; at the start, entries of vertices
-        that have passed around a free edge are increased to their depth. `way` (n_slots,) is an upper
+        `allowed` (n_vertices,) is the depth that vertices may have [m]; at the start, those of vertices
+        that have passed around a free edge are increased to their depth. `way` (n_vertices,) is an upper
         bound of the displacement of each vertex in the step [m].
         """
         faces, blur = self.faces, BLUR * self._approach
         x0, x1 = move.ends(faces)
         x = x0 if move.at_start else x1
         mine = move.ends(self.surface)[0 if move.at_start else 1]
-        points, may = self.at(mine), allowed[self.slots]
-        radius = self._approach + may + (0.0 if way is None else way[self.slots])
+        points, may = self.at(mine), allowed[self.contact_vertices]
+        radius = self._approach + may + (0.0 if way is None else way[self.contact_vertices])
         away = self.at(self.signs.normals(x)[1]) if self._itself else NO_NORMALS
         outward = away if self._itself else self.at(self._own.normals(mine)[1])
         deepest = -SELF_DEPTH * self._approach if self._itself else -np.inf
@@ -172,7 +172,7 @@ class VertexFaceContact:
             # edge.
             behind = np.flatnonzero(gap + deep < -SELF_DEPTH * self._approach)
             may[met.point[behind]] = -gap[behind]
-            allowed[self.slots], deep = may, may[met.point]
+            allowed[self.contact_vertices], deep = may, may[met.point]
         turn = self.turn(move.t0, move.t1) if move.at_start else None
         if turn is not None:
             way_out = gap[:, None] * normal
@@ -181,22 +181,22 @@ class VertexFaceContact:
         rank = np.where(met.wall, WALL, NEAREST)
         return self._rows(move, met, (met.place, rank), normal, gap + deep)
 
-    def entered(self, move: StepGeometry, allowed: Array) -> ContactRows:
+    def crossed(self, move: StepGeometry, allowed: Array) -> ContactRows:
         """Rows of the vertices that enter a face on their path, with its normal at the end.
 
-        allowed (n_slots,) are the depths that vertices may have [m].
+        allowed (n_vertices,) are the depths that vertices may have [m].
         """
         x0, x1 = move.ends(self.faces)
         before, after = self._outside(move, allowed), self.at(move.ends(self.surface)[1])
         triangles = self.faces.triangles
-        pairs = entered_faces(before, after, x0, x1, triangles, self.candidates)
+        pairs = crossed_faces(before, after, x0, x1, triangles, self.candidates)
         if not len(pairs.point):
             return NO_ROWS
         pairs, place = self.signs.places_of(pairs, x1)
         normal = self.signs.normals_of(place, x1)
         at = np.einsum("kj,kji->ki", pairs.weight, x1[triangles[pairs.face]])
         gap = np.einsum("ki,ki->k", normal, after[pairs.point] - at)
-        return self._rows(move, pairs, (place, np.full(len(gap), ENTERED)), normal, gap)
+        return self._rows(move, pairs, (place, np.full(len(gap), CROSSED)), normal, gap)
 
     def _outside(self, move: StepGeometry, allowed: Array) -> Array:
         """Vertices (n, 3) at the start, with slightly penetrating ones moved to the surface.
@@ -214,7 +214,7 @@ class VertexFaceContact:
         x0 = move.ends(self.faces)[0]
         pairs = self.closest(points, self._tolerances.hair, x0)
         gap, normal = self.signs.signed(points, pairs, x0)
-        hair = np.flatnonzero((gap < 0.0) & (allowed[self.slots][pairs.point] == 0.0))
+        hair = np.flatnonzero((gap < 0.0) & (allowed[self.contact_vertices][pairs.point] == 0.0))
         at = pairs.point[hair]
         share = 1.0 / np.bincount(at, minlength=len(points))[at]
         np.add.at(points, at, (share * (self._tolerances.lift - gap[hair]))[:, None] * normal[hair])
@@ -235,27 +235,27 @@ class VertexFaceContact:
         ends, share, k = self.vertices[pairs.point], self.share[pairs.point], len(pairs.point)
         vertex = ends[:, 0]
         corners = self.faces.triangles[pairs.face]
-        weight, carried = np.ones((k, 4)), np.zeros((k, 3))
+        weight, shell_motion = np.ones((k, 4)), np.zeros((k, 3))
         if isinstance(self.faces, NodeSurface):
             nodes, weight[:, 1:] = np.empty((k, 4), np.int64), -pairs.weight
             nodes[:, 0], nodes[:, 1:] = vertex, corners
             if not isinstance(self.surface, NodeSurface):
                 nodes[:, 0], weight[:, 0] = corners[:, 0], 0.0
                 p0, p1 = move.ends(self.surface)
-                carried = p0[vertex] - p1[vertex]
+                shell_motion = p0[vertex] - p1[vertex]
         else:
             nodes, weight[:, 2:] = ends[:, [0, 1, 0, 0]], 0.0
             weight[:, 0], weight[:, 1] = 1.0 - share, share
             x0, x1 = move.ends(self.faces)
-            carried = np.einsum("kj,kji->ki", pairs.weight, x1[corners] - x0[corners])
+            shell_motion = np.einsum("kj,kji->ki", pairs.weight, x1[corners] - x0[corners])
         rows = ContactRows(
-            self.slots[pairs.point],
+            self.contact_vertices[pairs.point],
             *about,
             nodes,
             weight,
             normal,
             gap,
-            carried,
+            shell_motion,
             np.full(k, self._friction),
             np.full(k, self.pairing, dtype=np.int64),
         )
@@ -290,9 +290,9 @@ class CompiledContact(CompiledTerm):
 
     `reach` [m], `edge_points` and `renewals` are those of `ConstraintContact`; initial penetrations are
     removed at `removal_speed` [m/s], or may remain if it is 0. `rubs` is True if any pairing has
-    friction, `in_matrix` if the sparsity pattern contains the entries of the rows. `pairing_of_slot`
-    and `vertex_of_slot` (n_slots,) are the pairing and node of each row of the memory, -1 for a vertex
-    that is no node.
+    friction, `in_matrix` if the sparsity pattern contains the entries of the rows. `pairing_of_vertex`
+    and `node_of_vertex` (n_vertices,) are the pairing and node of each row of the memory, -1 for a
+    vertex that is no node.
     """
 
     def __init__(
@@ -316,7 +316,7 @@ class CompiledContact(CompiledTerm):
         free = free.reshape(-1, 3)
         self._removal_speed = removal_speed
         self._directions: list[VertexFaceContact] = []
-        self._n_slots = 0
+        self._n_contact_vertices = 0
         # all pairings that contain a surface share one object of its faces
         surfaces = {id(s): s for pairing in pairings for s in pairing.surfaces}
         faces = {key: SignedFaces(surface) for key, surface in surfaces.items()}
@@ -334,18 +334,20 @@ class CompiledContact(CompiledTerm):
                     points, share = np.concatenate([points, on]), np.r_[share, at]
                 about = own, other, tolerances, free, layout.carriers
                 self._directions.append(
-                    VertexFaceContact(i, frictions[i], points, share, self._n_slots, *about)
+                    VertexFaceContact(
+                        i, frictions[i], points, share, self._n_contact_vertices, *about
+                    )
                 )
-                self._n_slots += len(points)
+                self._n_contact_vertices += len(points)
         none = np.empty(0, dtype=np.int64)
-        self.pairing_of_slot: Index = np.concatenate(
-            [none] + [np.full(len(d.slots), d.pairing) for d in self._directions]
+        self.pairing_of_vertex: Index = np.concatenate(
+            [none] + [np.full(len(d.contact_vertices), d.pairing) for d in self._directions]
         )
-        self.vertex_of_slot: Index = np.concatenate([none] + [d.nodes for d in self._directions])
+        self.node_of_vertex: Index = np.concatenate([none] + [d.nodes for d in self._directions])
 
     @property
     def directions(self) -> tuple[VertexFaceContact, ...]:
-        """Vertices of one surface against the faces of another, in the order of their slots."""
+        """Vertices of one surface against the faces of another, in the order of the contact memory."""
         return tuple(self._directions)
 
     @property
@@ -353,16 +355,16 @@ class CompiledContact(CompiledTerm):
         """True if initial penetrations are removed."""
         return self._removal_speed > 0.0
 
-    def apart(self, pattern: SymmetricPattern) -> "CompiledContact":
+    def without_contact_entries(self, pattern: SymmetricPattern) -> "CompiledContact":
         """Same contact with a pattern without entries for the rows."""
         other = copy(self)
         other.pattern, other.in_matrix = pattern, False
         return other
 
-    def pressed(self, memory: Mapping[str, Array]) -> Array:
+    def normal_forces(self, memory: Mapping[str, Array]) -> Array:
         """Sum of the normal forces (n_pairings,) in a memory of a state [N]."""
-        force = memory[MEMORY][:, FORCE] if MEMORY in memory else np.zeros(self._n_slots)
-        total = np.bincount(self.pairing_of_slot, force, len(self.names))
+        force = memory[MEMORY][:, FORCE] if MEMORY in memory else np.zeros(self._n_contact_vertices)
+        total = np.bincount(self.pairing_of_vertex, force, len(self.names))
         return np.asarray(total, dtype=np.float64)
 
     def pushing(self, state: State) -> Index:
@@ -375,49 +377,51 @@ class CompiledContact(CompiledTerm):
         """Number of active contacts, smallest gap [m] and normal force [N], per pairing."""
         memory, n = self.remembered(state.memory, state.q, state.t), len(self.names)
         count, gap, force = np.zeros(n), np.full(n, np.inf), np.zeros(n)
-        np.add.at(force, self.pairing_of_slot, memory[:, FORCE])
-        np.add.at(count, self.pairing_of_slot, memory[:, FORCE] > 0.0)
+        np.add.at(force, self.pairing_of_vertex, memory[:, FORCE])
+        np.add.at(count, self.pairing_of_vertex, memory[:, FORCE] > 0.0)
         here = StepGeometry(state.q, state.q, state.t, state.t)
         near = self.near(here, memory[:, ALLOWED].copy())
         np.minimum.at(gap, near.pairing, near.gap)
         return count, np.where(gap < np.inf, gap, np.nan), force
 
     def remembered(self, memory: Mapping[str, Array], q: Array, t: float) -> Array:
-        """Memory (n_slots, COLUMNS) of a state; without one, penetrations at q and t may remain."""
+        """Memory (n_vertices, COLUMNS) of a state; without one, penetrations at q and t may remain."""
         if MEMORY in memory:
             return memory[MEMORY]
-        new = np.zeros((self._n_slots, COLUMNS))
+        new = np.zeros((self._n_contact_vertices, COLUMNS))
         for direction in self._directions:
-            new[direction.slots, ALLOWED] = direction.depths(q, t)
+            new[direction.contact_vertices, ALLOWED] = direction.depths(q, t)
         return new
 
     def removed(self, allowed: Array, h: float) -> Array:
-        """Decrease of the allowed depths (n_slots,) in a step of h [m].
+        """Decrease of the allowed depths (n_vertices,) in a step of h [m].
 
         An open surface has no inside, so that penetrations behind it are not removed.
         """
         out = np.minimum(allowed, self._removal_speed * h)
         for direction in self._directions:
             if not direction.has_inside:
-                out[direction.slots] = 0.0
+                out[direction.contact_vertices] = 0.0
         return out
 
     def turned(self, vectors: Array, t0: float, t1: float) -> Array:
-        """Vectors (n_slots, 3) rotated with their shells from t0 to t1 [s]."""
+        """Vectors (n_vertices, 3) rotated with their shells from t0 to t1 [s]."""
         out = vectors.copy()
         for direction in self._directions:
             turn = direction.turn(t0, t1)
             if turn is not None:
-                out[direction.slots] = vectors[direction.slots] @ turn.T
+                out[direction.contact_vertices] = vectors[direction.contact_vertices] @ turn.T
         return out
 
     def outward(self, q: Array, rows: ContactRows) -> Array:
         """Normals (k, 3) of the surfaces opposite to rows at positions q of the mesh; zero of shells."""
         out = np.zeros((len(rows), 3))
         for direction in self._directions:
-            if len(direction.slots) and isinstance(direction.faces, NodeSurface):
-                first, last = direction.slots[[0, -1]]
-                mine = np.flatnonzero((rows.slot >= first) & (rows.slot <= last))
+            if len(direction.contact_vertices) and isinstance(direction.faces, NodeSurface):
+                first, last = direction.contact_vertices[[0, -1]]
+                mine = np.flatnonzero(
+                    (rows.contact_vertex >= first) & (rows.contact_vertex <= last)
+                )
                 if len(mine):
                     out[mine] = direction.signs.normals_of(rows.place[mine], q)
         return out
@@ -426,9 +430,9 @@ class CompiledContact(CompiledTerm):
         """Rows of all vertices near a face; see `VertexFaceContact.near`."""
         return NO_ROWS.joined(*(d.near(move, allowed, way) for d in self._directions))
 
-    def entered(self, move: StepGeometry, allowed: Array) -> ContactRows:
-        """Rows of all vertices that enter a face on their path; see `VertexFaceContact.entered`."""
-        return NO_ROWS.joined(*(d.entered(move, allowed) for d in self._directions))
+    def crossed(self, move: StepGeometry, allowed: Array) -> ContactRows:
+        """Rows of all vertices that enter a face on their path; see `VertexFaceContact.crossed`."""
+        return NO_ROWS.joined(*(d.crossed(move, allowed) for d in self._directions))
 
 
 def _points_on_edges(faces: SignedFaces, X: Array, number: int) -> tuple[Index, Array]:

@@ -142,7 +142,7 @@ class DelassusMatrix:
         """W (k, k) between some rows."""
         new = rows[self._place[rows] < 0]
         if len(new):
-            self._between = self.beside(self._all[new], self._known)
+            self._between = self.with_other_rows(self._all[new], self._known)
             n = len(new)
             self._between = np.roll(self._between, (-n, -n), axis=(0, 1))
             self._place[new] = np.arange(len(self._known), len(self._known) + n)
@@ -151,7 +151,7 @@ class DelassusMatrix:
         at = self._place[rows]
         return self._between[at[:, None], at]
 
-    def beside(self, D: csr_array, rows: Index) -> Array:
+    def with_other_rows(self, D: csr_array, rows: Index) -> Array:
         """W between directions D (m, n) other than the rows, and some rows."""
         every = vstack([D, self._all[rows]], format="csr")
         # The smaller matrix is multiplied with the whole compliance.

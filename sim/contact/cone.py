@@ -1,6 +1,6 @@
 """Forces of rows that share one Delassus matrix: equations, inequalities and Coulomb contacts.
 
-They solve (5) of docs/step.md under the conditions (3): `pushes` inequalities alone, `frictional`
+They solve (5) of docs/step.md under the conditions (3): `solve_lcp` inequalities alone, `frictional`
 contacts of tissue with a positive definite matrix, and `forces` also equations and rows that repeat
 each other, as of joints and bodies.
 """
@@ -21,7 +21,7 @@ from sim.scene import Index
 from sim.state import Array
 
 CHANGES = 20  #: largest number of changes of an active set before a more robust method is used
-SOFTENED = 1e-6  #: smallest eigenvalue of a matrix of `pushes`, relative to the largest one
+SOFTENED = 1e-6  #: smallest eigenvalue of a matrix of `solve_lcp`, relative to the largest one
 
 STARTS, BETWEEN = 2, 50
 """Of `frictional`: starts of Newton's method, and sweeps before each but the first."""
@@ -38,7 +38,7 @@ PROXIMAL = 1e-9  #: regularisation of proximal points, relative to the mobility
 SLIP = 1e-9  #: share of the largest rate up to which a direct solution may violate a row
 
 
-def pushes(G: Array, c: Array, pushing: Flags) -> Array:
+def solve_lcp(G: Array, c: Array, pushing: Flags) -> Array:
     """Forces f (m,) with f >= 0, G f + c >= 0 and f . (G f + c) = 0.
 
     G (m, m) is symmetric [m/N], and regularised until it is positive definite; c (m,) are the gaps
@@ -98,7 +98,7 @@ def frictional(
     contact problems with Coulomb friction, SIAM J. Sci. Comput. 30, 572-596.
     """
     if not (friction > 0.0).any():
-        return pushes(G, c, before > 0.0), 0.0
+        return solve_lcp(G, c, before > 0.0), 0.0
     trial = best = _Trial(G, c, first, friction, before)
     error = max(SHARE * trial.missed, ROUNDING * float(np.abs(c).max()))
     single = G.astype(np.float32)
@@ -337,7 +337,7 @@ def _frictionless(W: Array, b: Array, first: Index, friction: Array, x: Array) -
         closed = new
     c, x = PROXIMAL * float(np.abs(np.diag(W)).max()), start
     for _ in range(CHANGES):
-        x = pushes(W + c * np.eye(len(W)), b - c * x, x > 0.0)
+        x = solve_lcp(W + c * np.eye(len(W)), b - c * x, x > 0.0)
         direct = _direct(W, b, first, friction, x)
         if direct is not None:
             return direct
@@ -354,9 +354,9 @@ def _direct(W: Array, b: Array, first: Index, friction: Array, x: Array) -> Arra
     rows = np.concatenate([n[closed], tangent[sticks].ravel()])
     # friction of sliding contacts is a multiple of their normal force
     columns = W[:, rows].copy()
-    pushes = np.searchsorted(n[closed], n[rubs[slides]])
+    normals = np.searchsorted(n[closed], n[rubs[slides]])
     along = friction[rubs[slides], None] * x[tangent[slides]] / size[slides, None]
-    for k, place, direction in zip(pushes, tangent[slides], along, strict=True):
+    for k, place, direction in zip(normals, tangent[slides], along, strict=True):
         columns[:, k] += W[:, place] @ direction
     new = np.zeros_like(x)
     if len(rows):
@@ -367,7 +367,10 @@ def _direct(W: Array, b: Array, first: Index, friction: Array, x: Array) -> Arra
     good = (new[n] >= 0.0).all() and (rate[n] >= -limit).all()
     good = good and float(np.abs(rate[rows]).max(initial=0.0)) <= limit
     friction_size = np.linalg.norm(new[tangent[sticks]], axis=1)
-    good = good and (friction_size <= friction[rubs[sticks]] * new[n[rubs[sticks]]] * (1.0 + 1e-9)).all()
+    good = (
+        good
+        and (friction_size <= friction[rubs[sticks]] * new[n[rubs[sticks]]] * (1.0 + 1e-9)).all()
+    )
     slip = rate[tangent[slides]]
     across = slip[:, 0] * along[:, 1] - slip[:, 1] * along[:, 0]
     good = good and (np.einsum("ki,ki->k", slip, along) <= limit).all()

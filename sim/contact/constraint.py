@@ -127,7 +127,7 @@ class ConstraintContact(Term):
                 keys.append(other.edges[:, 0] * mesh.n_nodes + other.edges[:, 1])
         return distinct(np.concatenate(keys))
 
-    def apart(self) -> "WithoutContactEntries":
+    def without_contact_entries(self) -> "WithoutContactEntries":
         """Return this contact without entries for its rows in the matrix of points."""
         return WithoutContactEntries(self)
 
@@ -153,4 +153,4 @@ class WithoutContactEntries(Term):
 
     def compile(self, layout: Layout) -> CompiledContact:
         """Lay out the directions of all pairings."""
-        return self.contact.compile(layout).apart(layout.pattern)
+        return self.contact.compile(layout).without_contact_entries(layout.pattern)

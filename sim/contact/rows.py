@@ -105,14 +105,14 @@ SECOND = np.array([0, 1, 2, 3, 1, 2, 3, 2, 3, 3])
 
 PLACED = 1e-6  #: change of normals and weights of rows that requires no renewal
 
-NEAREST, ENTERED, WALL, GIVEN_UP, NO_RANK = 0, 1, 2, 3, 4  #: ranks of rows
+NEAREST, CROSSED, WALL, ALTERNATING, NO_RANK = 0, 1, 2, 3, 4  #: ranks of rows
 
 
 @dataclass(frozen=True, eq=False)
 class ContactRows:
     """Contact constraints of vertices and faces."""
 
-    slot: Index  #: (k,) index of the vertex in the contact memory
+    contact_vertex: Index  #: (k,) index of the vertex in the contact memory
     place: Index  #: (k,) index of the opposite feature: a triangle, an edge, or a vertex
     rank: Index  #: (k,) 0 for the nearest faces of a vertex, larger for rows of lower priority
     #: (k, 4) the vertex with weight 1, then the nodes of the face with minus their barycentric weights;
@@ -122,17 +122,17 @@ class ContactRows:
     normal: Array  #: (k, 3) outward normal of the opposite face
     gap: Array  #: (k,) gap at the end of the step without motion of the mesh [m]
     #: (k, 3) displacement of a rigid face over the step, or minus that of a rigid vertex [m]
-    carried: Array
+    shell_motion: Array
     friction: Array  #: (k,) coefficient
     pairing: Index  #: (k,) index of the pairing
 
     def __len__(self) -> int:
         """Number of rows."""
-        return len(self.slot)
+        return len(self.contact_vertex)
 
     def displacement(self, u: Array) -> Array:
         """Relative displacement r (k, 3) for nodal displacements u (n_nodes, 3) since the start."""
-        return np.einsum("kj,kji->ki", self.weight, u[self.nodes]) - self.carried
+        return np.einsum("kj,kji->ki", self.weight, u[self.nodes]) - self.shell_motion
 
     def gaps(self, u: Array) -> Array:
         """Gaps (k,) for nodal displacements u [m]."""
@@ -140,9 +140,9 @@ class ContactRows:
 
     def foremost(self) -> Index:
         """Rows of the lowest rank of every vertex."""
-        lowest = np.full(int(self.slot.max(initial=-1)) + 1, NO_RANK)
-        np.minimum.at(lowest, self.slot, self.rank)
-        return np.flatnonzero(self.rank == lowest[self.slot])
+        lowest = np.full(int(self.contact_vertex.max(initial=-1)) + 1, NO_RANK)
+        np.minimum.at(lowest, self.contact_vertex, self.rank)
+        return np.flatnonzero(self.rank == lowest[self.contact_vertex])
 
     def spread(self, force: Array, n_nodes: int) -> Array:
         """Nodal forces (n_nodes, 3) of the forces (k, 3) on the vertices."""
@@ -168,7 +168,7 @@ class ContactRows:
     @property
     def keys(self) -> Index:
         """Unique integer (k,) of vertex and feature."""
-        return self.slot * (1 << 32) + self.place
+        return self.contact_vertex * (1 << 32) + self.place
 
     def without(self, others: "ContactRows") -> "ContactRows":
         """Rows whose vertex and feature do not occur in other rows."""
@@ -206,7 +206,7 @@ def at_end(rows: ContactRows, lift: Array, near: ContactRows) -> ContactRows:
         weight=np.where(one, other.weight, rows.weight),
         normal=np.where(one, other.normal, rows.normal),
         gap=np.where(changed, other.gap + lift, rows.gap),
-        carried=np.where(one, other.carried, rows.carried),
+        shell_motion=np.where(one, other.shell_motion, rows.shell_motion),
     )
 
 
@@ -269,7 +269,9 @@ class Multipliers:
     bound: Array  #: (k,) bounds of friction [N]
 
     @classmethod
-    def of(cls, rows: ContactRows, rho: Array, normal: Array, tangent: Array) -> "Multipliers":
+    def with_bounds(
+        cls, rows: ContactRows, rho: Array, normal: Array, tangent: Array
+    ) -> "Multipliers":
         """Multipliers with the bounds of friction by the normal ones."""
         return cls(rows, rho, normal, tangent, rows.friction * normal)
 
@@ -314,11 +316,11 @@ class Multipliers:
 
     def pushing(self, acting: "ContactForces") -> Index:
         """Slots of the active rows."""
-        return self.rows.slot[acting.force > 0.0]
+        return self.rows.contact_vertex[acting.force > 0.0]
 
     def forces(self, normal: Array, tangent: Array) -> "Multipliers":
         """The rows with other multipliers [N]."""
-        return Multipliers.of(self.rows, self.rho, normal, tangent)
+        return Multipliers.with_bounds(self.rows, self.rho, normal, tangent)
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,10 +342,10 @@ class ContactForces:
         """Total forces (n_nodes, 3) on the nodes of the rows [N]."""
         return rows.spread(self.force[:, None] * rows.normal + self.friction, n_nodes)
 
-    def miss(self) -> float:
+    def violation(self) -> float:
         """Largest violation [m]: gap of an active row, penetration of an inactive one, or slip."""
-        miss = np.where(self.force > 0.0, np.abs(self.gap), np.maximum(-self.gap, 0.0))
-        return max(float(miss.max(initial=0.0)), self.slip)
+        violation = np.where(self.force > 0.0, np.abs(self.gap), np.maximum(-self.gap, 0.0))
+        return max(float(violation.max(initial=0.0)), self.slip)
 
 
 def directions(

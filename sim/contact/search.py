@@ -155,7 +155,7 @@ def faces_within(points: Array, x: Array, triangles: Index, distance: float) -> 
     return out
 
 
-def entered_faces(
+def crossed_faces(
     before: Array, after: Array, x_before: Array, x_after: Array, triangles: Index, near: Candidates
 ) -> PointFacePairs:
     """Faces that points enter first through their fronts on straight paths, with the times 0-1.

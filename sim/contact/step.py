@@ -59,7 +59,7 @@ class ContactStep:
     def at_start(self, way: Array) -> ContactRows:
         """Rows of the vertices near a face, with nodal displacements (n_nodes,) in the step [m]."""
         # A face near a vertex of a shell may have the largest displacement of all nodes.
-        reach = np.r_[way, way.max(initial=0.0)][self.contact.vertex_of_slot]
+        reach = np.r_[way, way.max(initial=0.0)][self.contact.node_of_vertex]
         rows = self.contact.near(self._start, self._allowed, reach + self._removed)
         return self._steadied(rows)
 
@@ -77,12 +77,14 @@ class ContactStep:
         """
         u = q - self.q0
         touch = self.tolerances.residual
-        entered = self.contact.entered(self._move(q), self._allowed)
-        entered = entered.take(np.flatnonzero(entered.gaps(u) < -touch))
-        inside = (near.gaps(u) < -touch) & (_cosines(near, entered)[0] >= OPPOSITE)
+        crossed = self.contact.crossed(self._move(q), self._allowed)
+        crossed = crossed.take(np.flatnonzero(crossed.gaps(u) < -touch))
+        inside = (near.gaps(u) < -touch) & (_cosines(near, crossed)[0] >= OPPOSITE)
         inside = near.take(np.flatnonzero(inside))
-        behind = ~np.isin(entered.slot, inside.slot) & (_cosines(entered, near)[1] <= 0.0)
-        return inside.joined(entered.take(np.flatnonzero(behind)))
+        behind = ~np.isin(crossed.contact_vertex, inside.contact_vertex) & (
+            _cosines(crossed, near)[1] <= 0.0
+        )
+        return inside.joined(crossed.take(np.flatnonzero(behind)))
 
     def through(self, rows: ContactRows, q: Array, near: ContactRows) -> ContactRows:
         """Rows by which penetrations at positions q are removed: those near, and `rows` without one.
@@ -94,7 +96,7 @@ class ContactStep:
         broken = rows.gaps(q - self.q0) < -self.tolerances.residual
         rows = rows.take(np.flatnonzero(broken))
         near = near.take(np.flatnonzero(_cosines(near, rows)[0] >= OPPOSITE))
-        rows = rows.take(np.flatnonzero(~np.isin(rows.slot, near.slot)))
+        rows = rows.take(np.flatnonzero(~np.isin(rows.contact_vertex, near.contact_vertex)))
         return near.joined(rows.take(np.unique(rows.keys, return_index=True)[1]))
 
     def _steadied(self, rows: ContactRows) -> ContactRows:
@@ -105,7 +107,7 @@ class ContactStep:
         face. Further walls of a groove keep their normals.
         """
         first = rows.foremost()
-        before, normal = self._before[rows.slot[first]], rows.normal[first]
+        before, normal = self._before[rows.contact_vertex[first]], rows.normal[first]
         slide = rows.take(first).displacement(self._way)
         slide -= np.einsum("ki,ki->k", slide, normal)[:, None] * normal
         way = np.linalg.norm(slide, axis=1) / self.tolerances.slide
@@ -121,11 +123,11 @@ class ContactStep:
 
         Other vertices that are already inside may stay, but not go deeper.
         """
-        return replace(rows, gap=np.maximum(rows.gap, -self._removed[rows.slot]))
+        return replace(rows, gap=np.maximum(rows.gap, -self._removed[rows.contact_vertex]))
 
     def ahead(self, rows: ContactRows, after: float) -> ContactRows:
         """Rows some time [s] after the end of the step, where rigid faces keep their velocity."""
-        on = after / (self._t1 - self._t0) * np.einsum("ki,ki->k", rows.normal, rows.carried)
+        on = after / (self._t1 - self._t0) * np.einsum("ki,ki->k", rows.normal, rows.shell_motion)
         return replace(rows, gap=rows.gap - on)
 
     @property
@@ -136,12 +138,12 @@ class ContactStep:
     def considerable(self, rows: ContactRows, u: Array, pushing: Index) -> Flags:
         """Test if rows (k,) are too deep at displacements u (n_nodes, 3) for a correction.
 
-        `pushing` contains the slots of active rows.
+        `pushing` contains the contact vertices of active rows.
         """
-        active, tolerances = np.isin(rows.slot, pushing), self.tolerances
+        active, tolerances = np.isin(rows.contact_vertex, pushing), self.tolerances
         return -rows.gaps(u) > np.where(active, tolerances.considerable, tolerances.unexpected)
 
-    def moved_out(
+    def remove_penetration(
         self, q: Array, near: ContactRows, opened: Opened, noticed: float = np.inf
     ) -> Array:
         """Positions with penetrations removed along the compliance of the tissue.
@@ -178,20 +180,24 @@ class ContactStep:
     ) -> Mapping[str, Array]:
         """Contact memory of the state at the end, at positions q, with the rows."""
         new = np.zeros_like(self._memory)
-        slot = multipliers.rows.slot
-        np.add.at(new[:, FORCE], slot, acting.force)
-        np.add.at(new[:, PUSH], slot, acting.force[:, None] * multipliers.rows.normal)
-        np.add.at(new[:, FRICTION], slot, acting.friction)
+        contact_vertex = multipliers.rows.contact_vertex
+        np.add.at(new[:, FORCE], contact_vertex, acting.force)
+        np.add.at(new[:, PUSH], contact_vertex, acting.force[:, None] * multipliers.rows.normal)
+        np.add.at(new[:, FRICTION], contact_vertex, acting.friction)
         foremost = multipliers.rows.foremost()
         foremost = foremost[acting.force[foremost] > 0.0]
         first, force = multipliers.rows.take(foremost), acting.force[foremost]
         outward = (self.contact.outward(at, first) for at in (q, self.q0))
         turned = force[:, None] * (first.normal + next(outward) - next(outward))
-        np.add.at(new[:, DIRECTION], first.slot, turned)
+        np.add.at(new[:, DIRECTION], first.contact_vertex, turned)
         size = np.linalg.norm(new[:, DIRECTION], axis=1, keepdims=True)
         new[:, DIRECTION] /= np.where(size > 0.0, size, 1.0)
-        depth = self._allowed[near.slot] - near.gaps(q - self.q0)
-        np.maximum.at(new[:, ALLOWED], near.slot, np.clip(depth, 0.0, self._allowed[near.slot]))
+        depth = self._allowed[near.contact_vertex] - near.gaps(q - self.q0)
+        np.maximum.at(
+            new[:, ALLOWED],
+            near.contact_vertex,
+            np.clip(depth, 0.0, self._allowed[near.contact_vertex]),
+        )
         return {MEMORY: new}
 
 
@@ -200,9 +206,12 @@ def _cosines(rows: ContactRows, others: ContactRows) -> tuple[Array, Array]:
 
     They are infinite where there is none.
     """
-    order = np.argsort(others.slot, kind="stable")
-    low, high = (np.searchsorted(others.slot[order], rows.slot, side) for side in ("left", "right"))
-    least = np.full(rows.slot.shape, np.inf)
+    order = np.argsort(others.contact_vertex, kind="stable")
+    low, high = (
+        np.searchsorted(others.contact_vertex[order], rows.contact_vertex, side)
+        for side in ("left", "right")
+    )
+    least = np.full(rows.contact_vertex.shape, np.inf)
     most = -least
     for k in range(int((high - low).max(initial=0))):
         has = np.flatnonzero(low + k < high)
@@ -228,10 +237,12 @@ def penalties(
 
 def carried_over(multipliers: Multipliers, rows: ContactRows, rho: Array) -> Multipliers:
     """Other rows with the multipliers of the same vertices."""
-    n = max(int(part.slot.max(initial=-1)) for part in (rows, multipliers.rows)) + 1
+    n = max(int(part.contact_vertex.max(initial=-1)) for part in (rows, multipliers.rows)) + 1
     push, friction = np.zeros((n, 3)), np.zeros((n, 3))
-    np.add.at(push, multipliers.rows.slot, multipliers.normal[:, None] * multipliers.rows.normal)
-    np.add.at(friction, multipliers.rows.slot, multipliers.tangent)
+    np.add.at(
+        push, multipliers.rows.contact_vertex, multipliers.normal[:, None] * multipliers.rows.normal
+    )
+    np.add.at(friction, multipliers.rows.contact_vertex, multipliers.tangent)
     return _shared(rows, rho, push, friction)
 
 
@@ -248,14 +259,14 @@ def renewed(
     if not (force > 0.0).any():
         return None
     n_nodes, gap = len(u), np.zeros(len(rows))
-    kept = np.flatnonzero((force > 0.0) & np.isin(rows.slot, near.slot))
+    kept = np.flatnonzero((force > 0.0) & np.isin(rows.contact_vertex, near.contact_vertex))
     first = near.foremost()
-    at_end = np.zeros(int(max(rows.slot.max(), near.slot.max(initial=0))) + 1)
-    at_end[near.slot[first]] = near.gaps(u)[first]
-    gap[kept] = at_end[rows.slot[kept]]
+    at_end = np.zeros(int(max(rows.contact_vertex.max(), near.contact_vertex.max(initial=0))) + 1)
+    at_end[near.contact_vertex[first]] = near.gaps(u)[first]
+    gap[kept] = at_end[rows.contact_vertex[kept]]
     before, size = rows.take(kept), force[kept]
-    after = near.take(np.flatnonzero(np.isin(near.slot, before.slot)))
-    along = Multipliers.of(before, np.ones(len(kept)), size, np.zeros((len(kept), 3)))
+    after = near.take(np.flatnonzero(np.isin(near.contact_vertex, before.contact_vertex)))
+    along = Multipliers.with_bounds(before, np.ones(len(kept)), size, np.zeros((len(kept), 3)))
     new = carried_over(along, after, np.ones(len(after))).normal
     change = after.spread(new[:, None] * after.normal, n_nodes)
     return change - before.spread(size[:, None] * before.normal, n_nodes), gap
@@ -267,26 +278,26 @@ def _shared(rows: ContactRows, rho: Array, push: Array, friction: Array) -> Mult
     The multipliers are those >= 0 whose sum along the normals is closest to the force. They are
     computed simultaneously, so that the order of the rows does not matter.
     """
-    n, n_slots = rows.normal, len(push)
-    count = np.bincount(rows.slot, minlength=n_slots)[rows.slot]
+    n, n_contact_vertices = rows.normal, len(push)
+    count = np.bincount(rows.contact_vertex, minlength=n_contact_vertices)[rows.contact_vertex]
     left, normal = push.copy(), np.zeros_like(rows.gap)
     single = count.max(initial=1) == 1
     for _ in range(1 if single else SHARING):
-        more = np.einsum("ki,ki->k", left[rows.slot], n) / count
+        more = np.einsum("ki,ki->k", left[rows.contact_vertex], n) / count
         more = np.maximum(more, -normal)
         normal += more
         if float(np.abs(more).max(initial=0.0)) <= SHARED * float(np.abs(push).max(initial=0.0)):
             break
-        np.subtract.at(left, rows.slot, more[:, None] * n)
+        np.subtract.at(left, rows.contact_vertex, more[:, None] * n)
     first = rows.foremost()
-    number = np.bincount(rows.slot[first], minlength=n_slots)
+    number = np.bincount(rows.contact_vertex[first], minlength=n_contact_vertices)
     tangent = np.zeros_like(n)
-    tangent[first] = friction[rows.slot[first]] / number[rows.slot[first], None]
+    tangent[first] = friction[rows.contact_vertex[first]] / number[rows.contact_vertex[first], None]
     tangent -= np.einsum("ki,ki->k", tangent, n)[:, None] * n
-    return Multipliers.of(rows, rho, normal, tangent)
+    return Multipliers.with_bounds(rows, rho, normal, tangent)
 
 
-def pressed(
+def penalty_forces(
     rows: ContactRows,
     wanted: Array,
     pushing: Index,
@@ -296,9 +307,9 @@ def pressed(
 ) -> Array:
     """Nodal forces (n_nodes, 3) that open rows approximately by distances (k,) [m].
 
-    `pushing` are slots of active rows, for which the matrix with the diagonal (n_free,) [N/m] contains
-    `penalty` times the stiffness.
+    `pushing` are contact vertices of active rows, for which the matrix with the diagonal (n_free,) [N/m]
+    contains `penalty` times the stiffness.
     """
-    factor = np.where(np.isin(rows.slot, pushing), penalty, 1.0)
+    factor = np.where(np.isin(rows.contact_vertex, pushing), penalty, 1.0)
     rho = factor * penalties(pattern, diagonal, rows, 1.0)
     return rows.spread((rho * wanted)[:, None] * rows.normal, pattern.n_nodes)

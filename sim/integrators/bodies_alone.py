@@ -29,7 +29,7 @@ class BodiesAlone:
     scratch: Scratch
 
     @classmethod
-    def of(cls, system: System) -> "BodiesAlone | None":
+    def for_system(cls, system: System) -> "BodiesAlone | None":
         """Memory for a system; None unless it is a scene of rigid bodies without tissue."""
         tables = system.multibody
         return None if tables is None else cls(system, tables, tables.scratch())

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from sim.contact.rows import GIVEN_UP, ContactRows, Multipliers, at_end
+from sim.contact.rows import ALTERNATING, ContactRows, Multipliers, at_end
 from sim.contact.step import ContactStep, Opened, carried_over, penalties, renewed
 from sim.errors import NotConverged
 from sim.integrators.contact_potential import (
@@ -52,12 +52,12 @@ class ContactSolution:
     #: change of rows when they were first renewed, if they were
     replaced: Replaced | None = None
 
-    def held(self, rhs: Array, opening: Array | float = 0.0) -> Array:
+    def solve_under_rows(self, rhs: Array, opening: Array | float = 0.0) -> Array:
         """Solve with the latest factor for a right-hand side (n,), under the active rows.
 
         They stay closed, or open by (k,) [m].
         """
-        return self.touching.held(
+        return self.touching.solve_under_rows(
             rhs, self.work, np.broadcast_to(opening, len(self.touching.multipliers.rows))
         )
 
@@ -74,18 +74,20 @@ class ContactSolution:
         if change is None:
             return None
         # rows may have been found again since
-        gap = np.zeros(1 + max(int(rows.slot.max(initial=-1)) for rows in (before.rows, own.rows)))
+        gap = np.zeros(
+            1 + max(int(rows.contact_vertex.max(initial=-1)) for rows in (before.rows, own.rows))
+        )
         pressed = before.normal > 0.0
-        gap[before.rows.slot[pressed]] = change[1][pressed]
-        return change[0], np.where(own.normal > 0.0, gap[own.rows.slot], 0.0)
+        gap[before.rows.contact_vertex[pressed]] = change[1][pressed]
+        return change[0], np.where(own.normal > 0.0, gap[own.rows.contact_vertex], 0.0)
 
     def kick(self, old: Index) -> Array:
-        """Displacement (n,) due to the present forces on vertices whose slots are not in `old`.
+        """Displacement (n,) due to the present forces on vertices whose indices are not in `old`.
 
         They include friction, which an impact changes as suddenly.
         """
         multipliers = self.touching.multipliers
-        new = (multipliers.normal > 0.0) & ~np.isin(multipliers.rows.slot, old)
+        new = (multipliers.normal > 0.0) & ~np.isin(multipliers.rows.contact_vertex, old)
         if not new.any():
             return np.zeros(self.touching.system.pattern.n)
         force = multipliers.normal[:, None] * multipliers.rows.normal + multipliers.tangent
@@ -95,15 +97,15 @@ class ContactSolution:
 
     def outside(self, pose: Pose, after: float) -> Pose:
         """Pose a time [s] after the end, without penetration of the active rows."""
-        return self._moved_out(pose, self.active, after)
+        return self._remove_penetration(pose, self.active, after)
 
     def base(self, pose: Pose, after: float) -> Pose:
         """As `outside`, of all rows: vertices would rebound from a face that their base has passed."""
-        return self._moved_out(pose, self.touching.multipliers.rows, after)
+        return self._remove_penetration(pose, self.touching.multipliers.rows, after)
 
-    def _moved_out(self, pose: Pose, rows: ContactRows, after: float) -> Pose:
+    def _remove_penetration(self, pose: Pose, rows: ContactRows, after: float) -> Pose:
         step = self.step
-        q = step.moved_out(pose.q, step.ahead(rows, after), self.opened, step.passing)
+        q = step.remove_penetration(pose.q, step.ahead(rows, after), self.opened, step.passing)
         return pose if q is pose.q else replace(pose, q=q)
 
 
@@ -162,7 +164,7 @@ def minimise_in_contact(
     touching = touched(multipliers)
     first, begun = rows, multipliers.normal[:, None] * rows.normal + multipliers.tangent
     contested = np.empty(0, dtype=np.int64)
-    point, went, renewals, places, miss = start, None, 0, 0, np.inf
+    point, went, renewals, places, violation = start, None, 0, 0, np.inf
     replaced: Replaced | None = None
     before = np.full(len(rows), np.inf)
     for _ in range(UPDATES):
@@ -174,12 +176,15 @@ def minimise_in_contact(
         u = end.pose.q - step.q0
         acting, point = touching.settled(end), end.alone
         now: Multipliers = touching.multipliers
-        miss, bound = acting.miss(), now.bound
+        violation, bound = acting.violation(), now.bound
         multipliers = now.forces(acting.force, acting.friction)
         change = float(np.abs(multipliers.bound - bound).max(initial=0.0))
         # forces are accurate to the remaining residual of the iteration only
         known = 2.0 * float(multipliers.rows.friction.max(initial=0.0)) * more.residual
-        if miss > settled or change > FRICTION_SETTLED * multipliers.bound.max(initial=0.0) + known:
+        if (
+            violation > settled
+            or change > FRICTION_SETTLED * multipliers.bound.max(initial=0.0) + known
+        ):
             left = np.where(acting.force > 0.0, np.abs(acting.gap), 0.0)
             slow = (left > settled) & (left > SLOW * before)
             rho = np.where(slow, STIFFER, 1.0) * multipliers.rho
@@ -202,13 +207,13 @@ def minimise_in_contact(
                 continue
         if last or not deep:
             opened = partial(touching.opened, pushing=pushing, diagonal=diagonal, work=work)
-            q = step.moved_out(q, near, opened)
+            q = step.remove_penetration(q, near, opened)
             if last:
                 _require_outside(step, q, until)
             if last or float(near.gaps(q - step.q0).min(initial=0.0)) >= -step.tolerances.left:
                 here = moved_upright(potential, point, q, until)
                 memory = step.memory(q, near, multipliers, acting)
-                released = np.flatnonzero(~np.isin(first.slot, pushing))
+                released = np.flatnonzero(~np.isin(first.contact_vertex, pushing))
                 pushed = acting.on_nodes(multipliers.rows, len(q))
                 pushed += first.take(released).spread(begun[released], len(q))
                 active = multipliers.rows.take(np.flatnonzero(acting.force > 0.0))
@@ -216,11 +221,15 @@ def minimise_in_contact(
                 return ContactSolution(point, q, here, went, memory, pushed, active, near, *solver)
         renewals += 1
         new = near.joined(passed.without(near))
-        contested = np.union1d(contested, new.slot[new.gaps(u) < -step.tolerances.residual])
-        new = new.joined(_given_up(multipliers.rows, new, contested))
+        contested = np.union1d(
+            contested, new.contact_vertex[new.gaps(u) < -step.tolerances.residual]
+        )
+        new = new.joined(_alternating_rows(multipliers.rows, new, contested))
         multipliers = carried_over(multipliers, new, penalties(pattern, diagonal, new, penalty))
         touching, before = touched(multipliers), np.full(len(new), np.inf)
-    raise NotConverged((), until, f"contact did not converge; a violation of {miss:.2g} m remains")
+    raise NotConverged(
+        (), until, f"contact did not converge; a violation of {violation:.2g} m remains"
+    )
 
 
 def _stiffness_met(
@@ -251,12 +260,12 @@ def moved_upright(potential: Potential, point: Point, q: Array, until: float) ->
     return replace(point.here, smallest_J=least, element=element)
 
 
-def _given_up(old: ContactRows, new: ContactRows, contested: Index) -> ContactRows:
+def _alternating_rows(old: ContactRows, new: ContactRows, contested: Index) -> ContactRows:
     """Previous rows that are kept to prevent cycling.
 
     A vertex in a groove between two faces may be separated from one and then penetrate the other, in
-    turn and without end. Vertices for which this has happened (`contested` slots) keep both rows.
+    turn and without end. Vertices for which this has happened (`contested`) keep both rows.
     """
     lost = old.without(new)
-    lost = lost.take(np.flatnonzero(np.isin(lost.slot, contested)))
-    return replace(lost, rank=np.full(len(lost), GIVEN_UP))
+    lost = lost.take(np.flatnonzero(np.isin(lost.contact_vertex, contested)))
+    return replace(lost, rank=np.full(len(lost), ALTERNATING))

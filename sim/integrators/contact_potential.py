@@ -10,10 +10,10 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sim.contact.compliance import Compliance, DelassusMatrix
-from sim.contact.cone import frictional, pushes
+from sim.contact.cone import frictional, solve_lcp
 from sim.contact.rows import ContactForces, ContactRows, Multipliers, RowPlaces, across, directions
-from sim.contact.step import pressed
-from sim.dense import held
+from sim.contact.step import penalty_forces
+from sim.dense import solve_under_rows
 from sim.integrators.newton import Point, Potential
 from sim.integrators.workspace import Workspace
 from sim.linear.contract import Matrix
@@ -39,10 +39,10 @@ ROUGH, SURE = (0.5, 1.0, 1.0), (0.02, 1e-3, 0.0)
 depth of omitted rows in residuals: while all steps were taken in full, and after a shortened or refused
 step, when rows that are closed in the potential but omitted in its model could prevent a descent."""
 
-HASTE = 0.5
+REFACTOR_RATIO = 0.5
 """Factor on the criterion of slow convergence, because an iteration takes two solutions."""
 
-HELD, HELD_SHARE = 2, 0.05
+CORRECTIONS_UNDER_ROWS, LEFT_OPEN = 2, 0.05
 """Number of corrections of a solution that keeps rows closed, and share of their opening left by it."""
 
 SOFT = 1e-3  #: relative regularisation of redundant rows in a correction
@@ -135,7 +135,7 @@ class AssembledContact(ContactPotential):
         """Contact forces at the end of the iteration."""
         return self.acting(point)
 
-    def held(self, rhs: Array, work: Workspace, opening: Array) -> Array:
+    def solve_under_rows(self, rhs: Array, work: Workspace, opening: Array) -> Array:
         """Solution with the factor, whose matrix contains the active rows, opened by (k,) [m]."""
         if opening.any():
             rows = self.multipliers.rows
@@ -148,9 +148,11 @@ class AssembledContact(ContactPotential):
     ) -> Array:
         """Displacements (n_nodes, 3) that open rows approximately by distances (k,) [m].
 
-        `pushing` are slots of active rows, and `diagonal` (n_free,) is that of the stiffness [N/m].
+        `pushing` are contact vertices of active rows; `diagonal` (n_free,) is of the stiffness [N/m].
         """
-        push = pressed(rows, wanted, pushing, self.system.point_pattern, diagonal, self.penalty)
+        push = penalty_forces(
+            rows, wanted, pushing, self.system.point_pattern, diagonal, self.penalty
+        )
         return self.opening(self.answer(self.scale * self.generalised(push), work))
 
 
@@ -180,7 +182,7 @@ class UnitVectors:
         along[self._across] = self._vectors
         return directions(pattern, self._rows.take(self.contact), along)
 
-    def of(self, on: Flags) -> Index:
+    def components_of(self, on: Flags) -> Index:
         """Directions of some rows (k,), in ascending order."""
         return np.flatnonzero(on[self.contact])
 
@@ -211,7 +213,7 @@ class SchurContact(ContactPotential):
     with friction have three directions, the normal one and two across it.
     """
 
-    penalty, patience, haste = APART, 2, HASTE
+    penalty, patience, refactor_ratio = APART, 2, REFACTOR_RATIO
 
     def __init__(self, potential: Potential, multipliers: Multipliers, q0: Array) -> None:
         super().__init__(potential, multipliers, q0)
@@ -295,13 +297,13 @@ class SchurContact(ContactPotential):
         new, answer = forces, np.zeros(D.shape[1])
         pushed, on = answer, (forces[unit.first] > 0.0) | (gap[unit.first] < 0.0)
         likely = on | (gap[unit.first] < self._tolerances.likely)
-        compliance.expect(unit.of(likely))
+        compliance.expect(unit.components_of(likely))
         seen = secants.seen_by(D)
         for _ in range(PASSES):
             contacts = np.flatnonzero(on)
             if not len(contacts):
                 break
-            rows = unit.of(on)
+            rows = unit.components_of(on)
             G = compliance.among(rows) + secants.between(seen[rows])
             G[np.diag_indices_from(G)] += soft[unit.contact[rows]]
             start, new = new, np.zeros_like(forces)
@@ -346,7 +348,7 @@ class SchurContact(ContactPotential):
         slip = max(acting.slip, float(turned.max(initial=0.0)), self.missed)
         return replace(acting, force=own.normal, friction=own.tangent, slip=slip)
 
-    def held(self, rhs: Array, work: Workspace, opening: Array) -> Array:
+    def solve_under_rows(self, rhs: Array, work: Workspace, opening: Array) -> Array:
         """Solution x with the factor and D x = opening (k,) [m] for the active rows.
 
         It does not move sticking contacts across their normals.
@@ -364,26 +366,30 @@ class SchurContact(ContactPotential):
         D, G = self._directions[on], self._rows(work).among(on)
         G[np.diag_indices_from(G)] += 1.0 / multipliers.rho[self._unit.contact[on]]
         wanted = self._unit.components(opening, np.zeros((len(opening), 3)))[on]
-        most = HELD_SHARE * float(np.abs(D @ x - wanted).max())
+        most = LEFT_OPEN * float(np.abs(D @ x - wanted).max())
 
         def push(f: Array) -> Array:
             return self.answer(self.scale * (D.T @ f), work)
 
         what = "the matrix of active contacts"
-        return held(x, D, G, push, what, wanted=wanted, repeats=HELD, most=most)[0]
+        return solve_under_rows(
+            x, D, G, push, what, wanted=wanted, repeats=CORRECTIONS_UNDER_ROWS, most=most
+        )[0]
 
     def opened(
         self, rows: ContactRows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
     ) -> Array:
         """Same as `AssembledContact.opened`, with other active rows kept closed, without friction."""
         own = self.multipliers.rows
-        others = np.flatnonzero(np.isin(own.slot, pushing) & ~np.isin(own.slot, rows.slot))
+        others = np.flatnonzero(
+            np.isin(own.contact_vertex, pushing) & ~np.isin(own.contact_vertex, rows.contact_vertex)
+        )
         elsewhere = self._unit.first[others]
         D = directions(self.system.point_pattern, rows)
-        G = self._rows(work).beside(D, elsewhere)
+        G = self._rows(work).with_other_rows(D, elsewhere)
         G[np.diag_indices_from(G)] *= 1.0 + SOFT
         gap = np.r_[-wanted, np.zeros(len(elsewhere))]
-        force = pushes(G, gap, gap < 0.0)
+        force = solve_lcp(G, gap, gap < 0.0)
         here, there = np.split(force, [len(wanted)])
         push = D.T @ here + self._directions[elsewhere].T @ there
         return self.opening(self.answer(self.scale * push, work))

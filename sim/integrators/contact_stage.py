@@ -69,7 +69,7 @@ class StageInContact:
     step: ContactStep | None
     solver: RowsOfStep
 
-    def held(self, rhs: Array, opening: Array | float = 0.0) -> Array:
+    def solve_under_rows(self, rhs: Array, opening: Array | float = 0.0) -> Array:
         """Solution (n,) for a right-hand side under the active rows.
 
         Those of joints stay closed, and those of contacts too, or open by (k,) [m].
@@ -87,8 +87,10 @@ class StageInContact:
         return renewed(self.rows, self.f[self.at.first], self.near, u)
 
     def kick(self, old: Index) -> Array:
-        """Motion (n,) due to the present forces on vertices whose slots are not in `old`."""
-        new = np.where((self.at.slot >= 0) & ~np.isin(self.at.slot, old), self.f, 0.0)
+        """Motion (n,) due to the present forces on vertices whose indices are not in `old`."""
+        new = np.where(
+            (self.at.contact_vertex >= 0) & ~np.isin(self.at.contact_vertex, old), self.f, 0.0
+        )
         return self.at.scale * self.solver.solve(self.at.G.T @ new)
 
     def outside(self, pose: Pose, after: float) -> Pose:
@@ -96,13 +98,15 @@ class StageInContact:
         if self.step is None:
             return pose
         active = self.rows.take(np.flatnonzero(self.f[self.at.first] > 0.0))
-        return self.solver.moved_out(pose, self.step.ahead(active, after), search=False)[0]
+        return self.solver.remove_penetration(pose, self.step.ahead(active, after), search=False)[0]
 
     def base(self, pose: Pose, after: float) -> Pose:
         """As `outside`, of all rows: bodies would rebound from the face that their base has passed."""
         if self.step is None:
             return pose
-        return self.solver.moved_out(pose, self.step.ahead(self.rows, after), search=False)[0]
+        return self.solver.remove_penetration(
+            pose, self.step.ahead(self.rows, after), search=False
+        )[0]
 
 
 class StageWithRows:
@@ -148,9 +152,9 @@ class StageWithRows:
             pose = point.pose
             about = np.zeros_like(pose.q), f, NO_ROWS, NO_ROWS, at, f, None
             return StageInContact(point, pose, self._went(), NOTHING, *about, self._rows)
-        found = step.at_start(way)
-        rows, searches, places = step.entering(found), 0, 0
-        lift = rows.gap - found.gap  # initial depths may remain
+        contacts = step.at_start(way)
+        rows, searches, places = step.entering(contacts), 0, 0
+        lift = rows.gap - contacts.gap  # initial depths may remain
         while True:
             point, at, f = self._settled(rows, point, made_here, f)
             pose = point.pose
@@ -170,7 +174,7 @@ class StageWithRows:
             if searches == ROUNDS:
                 reason = "new contact constraints appear in every iteration"
                 raise NotConverged(tuple(self._residuals), self._until, reason)
-        pose, near = self._rows.moved_out(pose, near)
+        pose, near = self._rows.remove_penetration(pose, near)
         memory = step.memory(pose.q, near, at.remembered, acting)
         pushed = acting.on_nodes(rows, len(pose.q))
         about = memory, pushed, f[: at.joints] if at.joints else None, rows, near, at, f, step

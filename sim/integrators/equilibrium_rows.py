@@ -18,7 +18,7 @@ from sim.linear.contract import Matrix
 from sim.scene import Index
 from sim.state import Array
 
-BESIDE = 1e-5  #: motions between which the curvature of rows is differenced [m, rad]
+DIFFERENCE = 1e-5  #: motions between which the curvature of rows is differenced [m, rad]
 ON = 1e-9  #: value below which an inequality counts as active [m, rad]
 CONVEX = 1e-4  #: least curvature along motions that the rows allow, relative to the largest one
 STIFFER = 12  #: largest number of tenfold multiples of G'G
@@ -100,7 +100,7 @@ def _curvature(phi: PotentialOfMoves, at: Point, now: JointRows) -> Array:
     f[on] = least(now.G[on].T, at.g[columns], ROWS, REDUNDANT)
     out, way = np.empty((len(columns), len(columns))), np.zeros(len(at.d))
     for k, column in enumerate(columns):
-        way[column] = BESIDE
+        way[column] = DIFFERENCE
         out[k] = f @ (joint_rows(phi, at.d - way).G - joint_rows(phi, at.d + way).G)
         way[column] = 0.0
-    return (out + out.T) / (4.0 * BESIDE)
+    return (out + out.T) / (4.0 * DIFFERENCE)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from sim.errors import SceneError
+from sim.integrators.constrained_acceleration import constrained_acceleration, free_acceleration
 from sim.integrators.contract import require_no_contact
-from sim.integrators.held import free_acceleration, held_acceleration
 from sim.integrators.workspace import Workspace
 from sim.state import Array, Control, ControlAt, Pose, State, StepReport, require_upright
 from sim.system import System
@@ -26,7 +26,7 @@ def _acceleration(system: System, state: State, control: Control, work: Workspac
         )
     with work.timed("force"):
         a = free_acceleration(system, state, control)
-    return a if system.rows is None else held_acceleration(system, system.rows, a, state)[0]
+    return a if system.rows is None else constrained_acceleration(system, system.rows, a, state)[0]
 
 
 def _finish(

@@ -204,12 +204,12 @@ class NewtonFactor:
         self.number = 0
         self.secants, self.inverse_secants = LBFGS(), CompactBFGS()
         self._made_of: Array | None = None
-        self._beside: Matrix | None = None
+        self._with_products: Matrix | None = None
 
     @property
     def matrix(self) -> Array | None:
         """Values of the factorised matrix, or None if it has products or there is no factor."""
-        return self._made_of if self.key is not None and self._beside is None else None
+        return self._made_of if self.key is not None and self._with_products is None else None
 
     def belongs_to(self, key: Key) -> bool:
         """Test if the latest factor is of this integrator and step, up to rounding of the step."""
@@ -243,7 +243,7 @@ class NewtonFactor:
             if A.products:
                 own = A.values.copy()
                 own[A.pattern.diagonal] += tau * shift
-                self._beside = replace(A, values=own)
+                self._with_products = replace(A, values=own)
             return shifts
         raise AssertionError("unreachable: the loop returns or raises")
 
@@ -254,9 +254,9 @@ class NewtonFactor:
         """
         factor = self._solver.factor
         with self._timed("solution"):
-            if self._beside is None:
+            if self._with_products is None:
                 return factor.approximate(rhs)
-            times = self._beside.times
+            times = self._with_products.times
             return conjugate_gradients(
                 times, factor.approximate, rhs, DIRECTION_SHARE, DIRECTION_SOLUTIONS
             )[0]
@@ -272,7 +272,7 @@ class NewtonFactor:
         self.number += 1
         self.secants.clear()
         self.inverse_secants.clear()
-        self._beside = self._made_of = None
+        self._with_products = self._made_of = None
 
     def forget(self) -> None:
         """Discard the factor, also that of an iterative solver."""

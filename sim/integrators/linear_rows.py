@@ -35,9 +35,9 @@ class StepUnderRows:
 
     `solution` is that of the velocities, and solves roughly under the rows that act at the end.
     `pushed` (n_points, 3) are the contact forces there [N], `near` (k,) the rows of contacts, `active`
-    those with a force, and `reaction` (m,) the forces of joints. `held` solves for a right-hand side
-    (n,) under the rows that act, and those of contacts at rest that it would close, exactly; with the
-    normal impulses (k,).
+    those with a force, and `reaction` (m,) the forces of joints. `solve_under_rows` solves for a
+    right-hand side (n,) under the rows that act, and those of contacts at rest that it would close,
+    exactly; with the normal impulses (k,).
     """
 
     solution: Solution
@@ -47,7 +47,7 @@ class StepUnderRows:
     near: ContactRows
     active: ContactRows
     reaction: Array | None
-    held: Callable[[Array], tuple[Array, Array]]
+    solve_under_rows: Callable[[Array], tuple[Array, Array]]
 
 
 class LinearRows:
@@ -210,7 +210,7 @@ class LinearRows:
         memory, pushed, reaction = dict[str, Array](), np.zeros_like(pose.q), None
         if step is not None:
             out_of = near if moves == 1.0 else step.through(rows, pose.q, near)
-            pose, near = self._rows.moved_out(pose, out_of)
+            pose, near = self._rows.remove_penetration(pose, out_of)
         if joints is not None:
             pose, w, impulse = joints.projected(pose, w)
             reaction = f[: len(joints.names)] + impulse / h
@@ -222,7 +222,7 @@ class LinearRows:
         on[at.blocks.equations] = True
         rests[at.first] = (f[at.first] == 0.0) & (acting.gap < 100.0 * STILL)
 
-        def held(rhs: Array) -> tuple[Array, Array]:
+        def solve_under_rows(rhs: Array) -> tuple[Array, Array]:
             x, impulse = at.kept(on, rhs, self._exactly, exactly=True)
             closes = rests & (at.G @ x < 0.0)
             if closes.any():
@@ -241,7 +241,7 @@ class LinearRows:
             used,
             used.take(np.flatnonzero(f[at.first] > 0.0)),
             reaction,
-            held,
+            solve_under_rows,
         )
 
     def _under_some(self, rows: ContactRows) -> tuple[ContactRows, RowsAt, Array, Array]:

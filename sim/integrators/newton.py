@@ -53,7 +53,7 @@ class Potential(ABC):
     patience = 1  #: number of iterations after which a factor may be renewed for slow convergence
     #: factor on `Tolerances.keep_factor` in the criterion of slow convergence, smaller if an iteration
     #: is expensive
-    haste = 1.0
+    refactor_ratio = 1.0
 
     @abstractmethod
     def point(self, d: Array) -> Point:
@@ -258,7 +258,10 @@ def minimise(
                 left = next_error(float(np.abs(ahead[1]).max()), size)
                 if tolerances.met(left, point.residual):
                     return point, account(iteration, left)
-        slow = contraction > potential.haste * tolerances.keep_factor and age >= potential.patience
+        slow = (
+            contraction > potential.refactor_ratio * tolerances.keep_factor
+            and age >= potential.patience
+        )
         made_here = trial_end is None or slow
         if made_here:
             renew()

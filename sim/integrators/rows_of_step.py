@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 from sim.contact.cone import Blocks, forces
 from sim.contact.rows import ContactForces, ContactRows, Multipliers, across
 from sim.contact.step import CORRECTIONS, ContactStep
-from sim.dense import held, reported
+from sim.dense import reported, solve_under_rows
 from sim.errors import NotConverged
 from sim.integrators.newton import PotentialOfMoves
 from sim.integrators.step_solver import Solution
@@ -105,7 +105,7 @@ class RowsAt:
     compliance: Array  #: (m,)
     blocks: Blocks
     before: Array  #: (m,) initial forces
-    slot: Index  #: (m,) slot of the contact of every row, -1 for joints
+    contact_vertex: Index  #: (m,) contact vertex of every row, -1 for joints
     first: Index  #: (k,) row of the normal of every contact
     rub: Index  #: contacts with friction
     tangents: tuple[Array, Array]  #: unit vectors of these
@@ -116,7 +116,7 @@ class RowsAt:
     @property
     def joints(self) -> int:
         """Number of rows of joints."""
-        return int((self.slot < 0).sum())
+        return int((self.contact_vertex < 0).sum())
 
     @property
     def broken(self) -> float:
@@ -178,7 +178,7 @@ class RowsAt:
         if not on.any():
             return x, f
         G = self.G[np.flatnonzero(on)]
-        x, f[on] = held(
+        x, f[on] = solve_under_rows(
             x,
             G,
             self.S[np.ix_(on, on)],
@@ -232,7 +232,7 @@ class RowsOfStep:
         first = j + np.cumsum(size) - size
         m = j + int(size.sum())
         value, compliance, before = np.zeros(m), np.zeros(m), np.zeros(m)
-        remembered = Multipliers.of(rows, np.ones(k), np.zeros(k), np.zeros((k, 3)))
+        remembered = Multipliers.with_bounds(rows, np.ones(k), np.zeros(k), np.zeros((k, 3)))
         tangents, slid = across(rows.normal[rub]), np.zeros((len(rub), 3))
         if k:
             u, remembered = pose.q - self._step.q0, self._step.multipliers(rows, np.ones(k))
@@ -262,8 +262,8 @@ class RowsOfStep:
             np.r_[np.flatnonzero(limits), first],
             np.r_[np.zeros(int(limits.sum())), rows.friction],
         )
-        slot = np.r_[np.full(j, -1), np.repeat(rows.slot, size)]
-        parts = blocks, before, slot, first, rub, tangents, remembered
+        contact_vertex = np.r_[np.full(j, -1), np.repeat(rows.contact_vertex, size)]
+        parts = blocks, before, contact_vertex, first, rub, tangents, remembered
         return RowsAt(slopes, value, compliance, *parts, self._scale, np.zeros((0, 0)))
 
     def missed(
@@ -272,10 +272,10 @@ class RowsOfStep:
         """Rows that a motion to a pose violates beyond a small correction; `near` are those there."""
         step = self._step
         passed = step.passed(pose.q, near)
-        deep = step.considerable(passed, pose.q - step.q0, rows.slot[acting.force > 0.0])
+        deep = step.considerable(passed, pose.q - step.q0, rows.contact_vertex[acting.force > 0.0])
         return passed.take(np.flatnonzero(deep)).without(rows)
 
-    def moved_out(
+    def remove_penetration(
         self, pose: Pose, near: ContactRows, *, search: bool = True
     ) -> tuple[Pose, ContactRows]:
         """Pose with penetrations removed by the least motion in the norm of the matrix, and its rows.

@@ -177,8 +177,8 @@ class Converged(Iterative):
             return None
         push = s * h * system.kinematics.generalised_force(np.sum(known, axis=0), end.pose)
         last, none = changes[-1][1], np.zeros_like(push)
-        passing = none if last is None else end.contact.held(none, -last[1])
-        moves = (end.contact.held(push), passing)
+        passing = none if last is None else end.contact.solve_under_rows(none, -last[1])
+        moves = (end.contact.solve_under_rows(push), passing)
         return -np.array([system.kinematics.displacements(x, end.pose) for x in moves])
 
     def _of_input(
@@ -198,7 +198,7 @@ class Converged(Iterative):
 def _solved_at(end: StageSolution, system: System, work: Workspace, rhs: Array) -> Array:
     """Solution with the matrix of a stage, under the rows that act at its end."""
     if end.contact is not None:
-        return end.contact.held(rhs)
+        return end.contact.solve_under_rows(rhs)
     if system.constraints is None:
         return work.newton.solve(rhs)
     return work.constraints.saddle.roughly(rhs)

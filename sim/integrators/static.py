@@ -63,7 +63,12 @@ class Static(Iterative):
             solution = minimise_in_contact(
                 energy, start, contact, way, key, work, settle, until, start_closed=True
             )
-            end, went, moved, memory = solution.point, solution.went, solution.q, dict(solution.memory)
+            end, went, moved, memory = (
+                solution.point,
+                solution.went,
+                solution.q,
+                dict(solution.memory),
+            )
             least = solution.here.smallest_J
         pose = end.pose
         if moved is not None:

@@ -105,7 +105,9 @@ class StepSolver:
 
         rests = None if under is None else under.homogeneous
 
-        def solved(r: Array, error: float, start: Array | None, equations: Equations | None) -> Solution:
+        def solved(
+            r: Array, error: float, start: Array | None, equations: Equations | None
+        ) -> Solution:
             x = linear.solve(r, start, error, equations)
             counts = linear.iterations, linear.factorisations
             roughly = partial(linear.roughly, under=rests)
@@ -210,16 +212,16 @@ class StepSolver:
         if self._solver.form_pattern is self._solver.pattern:
             self._solver.analyse(self._solver.pattern)
             return self._solver.factor
-        return self._beside_products
+        return self._own_matrix_solver
 
     @property
     def _double(self) -> LinearSolver:
         """Direct solver as `_whole`, whose factors are in double precision."""
         whole = self._whole
-        return self._beside_products if whole.name in SINGLE else whole
+        return self._own_matrix_solver if whole.name in SINGLE else whole
 
     @cached_property
-    def _beside_products(self) -> LinearSolver:
+    def _own_matrix_solver(self) -> LinearSolver:
         whole = linear_solver()
         whole.analyse(self._solver.pattern)
         return whole

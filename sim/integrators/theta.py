@@ -77,7 +77,7 @@ class _Linearised:
                 done += 1
                 reports.append(report)
                 if done in last:
-                    yield Outputs.of(state, united(reports, 0))
+                    yield Outputs.at_state(state, united(reports, 0))
                     reports.clear()
                 continue
             after = last[(last > done) & (last <= done + passed.done)] - done

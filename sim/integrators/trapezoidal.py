@@ -3,9 +3,9 @@
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from sim.integrators.constrained_acceleration import forces_at
 from sim.integrators.contract import require_no_contact
 from sim.integrators.converged_euler import InelasticLimits
-from sim.integrators.held import forces_at
 from sim.integrators.stage import (
     Stage,
     by_joints,

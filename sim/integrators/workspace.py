@@ -128,7 +128,7 @@ class Workspace:
         self.steps = StepSolver(self._solver, self.newton, clock.timed)
         self.constraints = ConstraintSolver(system, self.linear, clock.timed)
         self.contact = ContactMemory(self.newton, system.pattern.n)
-        self.bodies = BodiesAlone.of(system)
+        self.bodies = BodiesAlone.for_system(system)
         self.estimates = True
 
     @property

@@ -44,10 +44,10 @@ class ActiveForces:
         tried = q, LONGER * q  # some muscles are slack at rest
 
         def forces(term: CompiledTerm, level: float) -> Array:
-            control, found = Control(level * unequal), [np.zeros_like(q) for _ in tried]
-            for x, f in zip(tried, found, strict=True):
+            control, columns = Control(level * unequal), [np.zeros_like(q) for _ in tried]
+            for x, f in zip(tried, columns, strict=True):
                 term.add(x, control, f)
-            return np.array(found)
+            return np.array(columns)
 
         kept = (t for t in system.terms if (forces(t, 0.0) != forces(t, 0.3)).any())
         self._driven = replace(system, terms=tuple(kept))

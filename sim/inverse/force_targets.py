@@ -32,7 +32,7 @@ class ForceTarget(Protocol):
         """Wanted forces (k,) at a time [s]; NaN where nothing is measured."""
         ...
 
-    def response(self, found: Response, muscles: Index) -> tuple[Array, Array]:
+    def response(self, linear: Response, muscles: Index) -> tuple[Array, Array]:
         """Forces (k,) and derivatives (k, n_muscles) of a step."""
         ...
 
@@ -71,9 +71,9 @@ class RowForceTarget:
         """Interpolated forces (k,)."""
         return interpolated(self.time, self.force, t)
 
-    def response(self, found: Response, muscles: Index) -> tuple[Array, Array]:
+    def response(self, linear: Response, muscles: Index) -> tuple[Array, Array]:
         """Forces (k,) of the rows and their derivatives."""
-        return found.force[muscles], found.force_slope[muscles]
+        return linear.force[muscles], linear.force_slope[muscles]
 
     def reached(self, system: System, state: State, muscles: Index) -> Array:
         """Forces (k,) that the step left."""
@@ -118,14 +118,14 @@ class ContactForceTarget:
         """Interpolated forces (k,)."""
         return interpolated(self.time, self.force, t)
 
-    def response(self, found: Response, muscles: Index) -> tuple[Array, Array]:
+    def response(self, linear: Response, muscles: Index) -> tuple[Array, Array]:
         """Forces (k,) of the pairings and their derivatives."""
-        return found.pressed[muscles], found.pressed_slope[muscles]
+        return linear.contact_forces[muscles], linear.contact_slope[muscles]
 
     def reached(self, system: System, state: State, muscles: Index) -> Array:
         """Forces (k,) that the step left."""
         assert system.contact is not None  # `indices` refuses others
-        return system.contact.pressed(state.memory)[muscles]
+        return system.contact.normal_forces(state.memory)[muscles]
 
 
 def _numbers(wanted: Sequence[str], names: Sequence[str], absent: str, source: str) -> Index:

@@ -8,7 +8,7 @@ import numpy as np
 
 from sim.contact.rows import ContactRows
 from sim.contact.step import ContactStep
-from sim.dense import held, least
+from sim.dense import least, solve_under_rows
 from sim.errors import SceneError
 from sim.integrators.contract import require_fixed_contact, require_no_friction
 from sim.integrators.linear_rows import LinearRows
@@ -62,8 +62,8 @@ class Response:
     #: (m, n_muscles) their derivatives, if they were asked for
     force_slope: Array = field(default_factory=lambda: np.zeros((0, 0)))
     #: (n_pairings,) sums of the normal forces of contact [N], and (n_pairings, n_muscles) derivatives
-    pressed: Array = field(default_factory=lambda: np.zeros(0))
-    pressed_slope: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    contact_forces: Array = field(default_factory=lambda: np.zeros(0))
+    contact_slope: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def velocity(self, activation: Array) -> Array:
         """End velocities (n,) for an activation."""
@@ -146,19 +146,19 @@ def step_response(
         under = LinearRows(whole, state, equation, h, SOLVED, work).solve()
         w, f = under.solution.x, under.reaction
         given = loads(w)
-        under_rows = [under.held(load) for load in given]
+        under_rows = [under.solve_under_rows(load) for load in given]
         H, slope = np.array([x for x, _ in under_rows]).T, np.zeros((0, 0))
         if row_forces and system.rows is not None and f is not None:
             left = np.array([equation.A.times(x) for x in H.T]) - given
             slope = _force_slope(system.rows, pose, f, left[:, system.rows.columns].T / h)
         count = len(under.active) + (0 if f is None else len(f))
-        pressed, pressed_slope = np.zeros(0), np.zeros((0, 0))
+        contact_forces, contact_slope = np.zeros(0), np.zeros((0, 0))
         if system.contact is not None:
             pairings, every = under.near.pairing, np.arange(len(system.contact.names))
-            pressed = system.contact.pressed(under.memory)
+            contact_forces = system.contact.normal_forces(under.memory)
             rises = np.array([rise for _, rise in under_rows], dtype=np.float64)
-            pressed_slope = np.asarray((every[:, None] == pairings) @ rises.T / h, dtype=np.float64)
-        about = count, np.zeros(0) if f is None else f, slope, pressed, pressed_slope
+            contact_slope = np.asarray((every[:, None] == pairings) @ rises.T / h, dtype=np.float64)
+        about = count, np.zeros(0) if f is None else f, slope, contact_forces, contact_slope
         return Response(activation, w, H, state.pose, w0, h, equation.moves, *about)
     if system.constraints is not None:
         saddle, still = work.constraints.saddle, np.zeros(system.constraints.n)
@@ -193,7 +193,7 @@ def equilibrium_response(
         return work.steps.many(A)(F).T
     step = ContactStep(system.contact, state, state.t + 1.0, equilibrium=True)
     near = step.at(pose.q)
-    pushing = np.isin(near.slot, system.contact.pushing(state))
+    pushing = np.isin(near.contact_vertex, system.contact.pushing(state))
     N = generalised_normals(system, near.take(np.flatnonzero(pushing)), pose)
     X = work.steps.many(A)(np.concatenate([F, N]))
     return under_normals(X[: len(F)], X[len(F) :], N, 0.0).T
@@ -242,4 +242,4 @@ def generalised_normals(system: System, rows: ContactRows, pose: Pose) -> Array:
 
 def under_normals(X: Array, Y: Array, N: Array, rate: Array | float) -> Array:
     """Solutions X (k, n) with forces along normals N (m, n), so that N X' = rate; Y = A^-1 N'."""
-    return held(X, N, N @ Y.T, lambda f: f @ Y, CONTACTS, wanted=rate, cutoff=1e-12)[0]
+    return solve_under_rows(X, N, N @ Y.T, lambda f: f @ Y, CONTACTS, wanted=rate, cutoff=1e-12)[0]

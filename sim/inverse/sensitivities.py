@@ -181,8 +181,8 @@ def _require_smooth(system: System, forces: ActiveForces, state: State, h: float
     unsupported = [name for name, there in parts.items() if there]
     if unsupported:
         raise SceneError(
-            f"derivatives over a trajectory do not exist for {' and '.join(unsupported)}: leave these out, or "
-            "track step by step"
+            f"derivatives over a trajectory do not exist for {' and '.join(unsupported)}: leave these "
+            "out, or track step by step"
         )
 
 

@@ -86,7 +86,7 @@ def track(
     """
     weights = weights or Weights()
     target, n = Together(tuple(targets)), len(system.muscles)
-    pushes = tuple((one.indices(system), one) for one in forces)
+    force_targets = tuple((one.indices(system), one) for one in forces)
     if not (targets or forces) or not n:
         raise SceneError(f"{len(targets)} targets and {n} muscles, expected at least one of each")
     chase = h if weights.chase is None else weights.chase
@@ -108,9 +108,17 @@ def track(
         while True:
             around = np.zeros(n) if weights.form == "affine" and not rounds else a
             response = step_response(
-                system, integrator, state, around, h, work, active, weights.form, bool(pushes)
+                system,
+                integrator,
+                state,
+                around,
+                h,
+                work,
+                active,
+                weights.form,
+                bool(force_targets),
             )
-            along, r = _residuals(system, response, target, pushes, state, chase, weights)
+            along, r = _residuals(system, response, target, force_targets, state, chase, weights)
             Q, c = objective.quadratic(along, r, response.activation)
             minimum = minimise_in_box(Q, c, objective.low, objective.high, last)
             moved = float(np.abs(minimum.x - a).max())
@@ -119,7 +127,7 @@ def track(
                 break
         state = _advanced(system, integrator, state, response, a, h, work, weights)
         reached, wanted = target.value(state.q), target.wanted(t1)
-        for rows, one in pushes:
+        for rows, one in force_targets:
             reached = np.concatenate([reached, one.reached(system, state, rows) / one.size])
             wanted = np.concatenate([wanted, one.wanted(t1) / one.size])
         saturated = float((minimum.at_high & (objective.high > objective.low)).sum())
@@ -136,7 +144,7 @@ def _residuals(
     system: System,
     response: Response,
     target: Together,
-    pushes: Sequence[tuple[Index, ForceTarget]],
+    force_targets: Sequence[tuple[Index, ForceTarget]],
     state: State,
     chase: float,
     weights: Weights,
@@ -160,7 +168,7 @@ def _residuals(
         reached = kinematics.state(end, response.w, {}).v.reshape(-1)
         moved = chase * (slope @ points)
         r = chase * (rate + (to - x0) / chase - slope @ reached)
-    for rows, one in pushes:
+    for rows, one in force_targets:
         force, slope = one.response(response, rows)
         r = np.concatenate([r, (one.wanted(t1) - force) / one.size])
         moved = np.concatenate([moved, slope / one.size])

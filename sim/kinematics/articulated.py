@@ -65,7 +65,7 @@ class Articulated(Kinematics):
         root[chains.dependent] = False
         for nodes, _ in chains.paths:
             root[nodes] = False
-        moves = root[:, None] & ~chains.held
+        moves = root[:, None] & ~chains.fixed
         self._free = np.flatnonzero(moves.ravel())
         self.first = len(self._free)
         self._number = np.full(3 * self._n, -1, dtype=np.int64)
@@ -94,9 +94,9 @@ class Articulated(Kinematics):
 
     def carriers(self) -> Index:
         """Body (n_points,) that carries each point rigidly; -1 for others."""
-        found, whole = super().carriers(), self.chains.share == 1.0
-        found[self.chains.point[whole]] = self.chains.body[whole]
-        return found
+        bodies, whole = super().carriers(), self.chains.share == 1.0
+        bodies[self.chains.point[whole]] = self.chains.body[whole]
+        return bodies
 
     # -- layout ------------------------------------------------------------------------------------
 

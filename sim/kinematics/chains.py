@@ -25,7 +25,7 @@ class Chains:
     body: Index
     share: Array
     arm: Array
-    held: Flags  #: (n_points, 3) fixed components
+    fixed: Flags  #: (n_points, 3) fixed components
     paths: tuple[tuple[Index, NodeMotion], ...]  #: nodes with a prescribed path, and their path
 
 

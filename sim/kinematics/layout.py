@@ -38,7 +38,7 @@ def lay_out_kinematics(
     motions = _motions(bodies, attachments)
     still = np.array([path is not None and path.motion is None for path in motions], dtype=bool)
     chains = resolve(mesh, bodies, attachments, still)
-    pattern = symmetric_pattern(mesh.n_nodes, keys, np.flatnonzero(chains.held))
+    pattern = symmetric_pattern(mesh.n_nodes, keys, np.flatnonzero(chains.fixed))
     _require_mass(chains, node_mass)
     if not bodies and not len(chains.dependent) and not chains.paths:
         _require_free(pattern.n)
@@ -63,7 +63,7 @@ def _motions(bodies: Sequence[Body], attachments: Sequence[Attachment]) -> list[
 
 
 def _require_mass(chains: Chains, node_mass: Array) -> None:
-    needed = ~chains.held.all(axis=1) & ~(node_mass > 0.0)
+    needed = ~chains.fixed.all(axis=1) & ~(node_mass > 0.0)
     needed[chains.dependent] = False
     for nodes, _ in chains.paths:
         needed[nodes] = False

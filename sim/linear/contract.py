@@ -114,7 +114,7 @@ class Matrix:
     values: Array  #: (pattern.nnz,)
     products: tuple[LowRankTerm, ...] = ()
     #: values that replace the products in a factorisation, on the pattern
-    stand_in: Callable[[], Array] | None = None
+    preconditioner_values: Callable[[], Array] | None = None
     #: (n,) or None; for a damping matrix, the force due to prescribed velocities and to forces that are
     #: nonlinear in the velocities [N]
     offset: Array | None = None
@@ -133,7 +133,11 @@ class Matrix:
 
     def to_factorise(self) -> Array:
         """Values of the matrix that is factorised as its preconditioner."""
-        return self.values if self.stand_in is None else self.values + self.stand_in()
+        return (
+            self.values
+            if self.preconditioner_values is None
+            else self.values + self.preconditioner_values()
+        )
 
 
 def merged(products: Sequence[LowRankTerm]) -> tuple[LowRankTerm, ...]:

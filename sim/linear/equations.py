@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from sim.dense import held, least, solved
+from sim.dense import least, solve_under_rows, solved
 from sim.pattern import Index
 from sim.state import Array
 
@@ -67,7 +67,9 @@ class Equations:
         def push(f: Array) -> Array:
             return (f @ self.G) @ X
 
-        return held(x, rows, S, push, ROWS, wanted=wanted, repeats=repeats, most=-1.0)[0]
+        return solve_under_rows(x, rows, S, push, ROWS, wanted=wanted, repeats=repeats, most=-1.0)[
+            0
+        ]
 
     def multipliers(self, left: Array) -> Array:
         """Forces mu (m,) with G'mu = A x - r, of the residual (n,) of a solution."""

@@ -8,7 +8,7 @@ controls of full order apply to it unchanged.
 from sim.reduced.basis import mass_modes, projected, static_responses
 from sim.reduced.closure import Closure, fitted_closure
 from sim.reduced.conformal import coverage_factor
-from sim.reduced.contact import ReducedContact, near_slots
+from sim.reduced.contact import ReducedContact, near_vertices
 from sim.reduced.cubature import sampled
 from sim.reduced.fused import FusedEuler
 from sim.reduced.model import ReducedModel, reduce_system
@@ -25,7 +25,7 @@ __all__ = [
     "coverage_factor",
     "fitted_closure",
     "mass_modes",
-    "near_slots",
+    "near_vertices",
     "projected",
     "reduce_system",
     "sampled",

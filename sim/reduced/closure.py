@@ -51,6 +51,6 @@ def fitted_closure(features: Array, missing: Array) -> Closure:
     target = missing.reshape(len(missing), -1)
     centre: Array = target.mean(axis=0)
     squares: Array = scaled.T @ scaled + RIDGE * len(scaled) * np.eye(scaled.shape[1])
-    found: Array = np.asarray(np.linalg.inv(squares) @ (scaled.T @ (target - centre)))
-    weights: Array = np.ascontiguousarray((found / size[:, None]).T)
+    solved: Array = np.asarray(np.linalg.inv(squares) @ (scaled.T @ (target - centre)))
+    weights: Array = np.ascontiguousarray((solved / size[:, None]).T)
     return Closure(weights, centre - weights @ mean)

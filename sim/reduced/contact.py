@@ -39,7 +39,7 @@ class _Side:
 
     direction: VertexFaceContact
     own: Index  #: (n,) points of the direction that are kept
-    slots: Index  #: (n,) their slots in the contact at full order
+    contact_vertices: Index  #: (n,) their indices in the contact at full order
     ends: Index  #: (n, 2) vertices between which they are
     share: Array  #: (n, 1)
     rigid: bool  #: True if the points are those of a shell
@@ -70,7 +70,7 @@ class ReducedContact:
         Of the scene at full order, without friction, of shells at rest.
     q0 : (n_nodes, 3) positions where the coordinates are zero [m].
     modes : (3 n_nodes, m) modes, of which those of the step are the first.
-    slots : (k,), optional
+    contact_vertices : (k,), optional
         Slots of the contact whose points may touch; default: all.
 
     Raises
@@ -80,17 +80,23 @@ class ReducedContact:
     """
 
     def __init__(
-        self, contact: CompiledContact, q0: Array, modes: Array, slots: Index | None = None
+        self,
+        contact: CompiledContact,
+        q0: Array,
+        modes: Array,
+        contact_vertices: Index | None = None,
     ) -> None:
         _require_supported(contact)
         self._approach = contact.tolerances.length
         self._q0, self._modes = q0, modes
         of_nodes = modes.reshape(len(q0), 3, -1)
         none = np.zeros((0, 3, modes.shape[1]))
-        kept = np.arange(len(contact.vertex_of_slot)) if slots is None else slots
+        kept = (
+            np.arange(len(contact.node_of_vertex)) if contact_vertices is None else contact_vertices
+        )
         self._sides = list[_Side]()
         for d in contact.directions:
-            own = np.flatnonzero(np.isin(d.slots, kept))
+            own = np.flatnonzero(np.isin(d.contact_vertices, kept))
             if not len(own):
                 continue
             rigid = isinstance(d.surface, RigidShell)
@@ -104,8 +110,10 @@ class ReducedContact:
             on = none if shell else np.ascontiguousarray(of_nodes[:size])
             across = SignedFaces(d.faces).across
             about = ends, share[:, None], rigid, np.ascontiguousarray(moved), on, across, free
-            self._sides.append(_Side(d, own, d.slots[own], *about))
-        self.slots: Index = np.concatenate([s.slots for s in self._sides]) if self._sides else kept
+            self._sides.append(_Side(d, own, d.contact_vertices[own], *about))
+        self.contact_vertices: Index = (
+            np.concatenate([s.contact_vertices for s in self._sides]) if self._sides else kept
+        )
 
     def positions(self, y: Array) -> Array:
         """Positions of all nodes (n_nodes, 3) [m]."""
@@ -114,7 +122,7 @@ class ReducedContact:
 
     def depths(self, y: Array) -> Array:
         """Depth of every point at coordinates y [m]."""
-        n, q = len(self.slots), self.positions(y)
+        n, q = len(self.contact_vertices), self.positions(y)
         _, gap, at = self._rows(q, np.full(n, DEEPEST))
         deep = np.zeros(n)
         np.maximum.at(deep, at, -gap)
@@ -124,7 +132,7 @@ class ReducedContact:
         """Rows that may be active in a step of h."""
         q = self.positions(y)
         speed = np.linalg.norm((self._modes[:, : len(v)] @ v).reshape(-1, 3), axis=1)
-        way, first = np.empty(len(self.slots)), 0
+        way, first = np.empty(len(self.contact_vertices)), 0
         for side in self._sides:
             own = 0.0 if side.rigid else speed[side.ends].max(axis=1)
             faces = side.direction.faces
@@ -171,16 +179,16 @@ class ReducedContact:
         return new, float(np.abs(W @ (new - p)).max(initial=0.0))
 
 
-def near_slots(contact: CompiledContact, motions: Iterable[Array], within: float) -> Index:
+def near_vertices(contact: CompiledContact, motions: Iterable[Array], within: float) -> Index:
     """Slots whose points come within a distance [m] of a face at positions (n_nodes, 3)."""
-    near = np.zeros(len(contact.vertex_of_slot), dtype=bool)
+    near = np.zeros(len(contact.node_of_vertex), dtype=bool)
     for q in motions:
         for d in contact.directions:
             vertices, x = (
                 s.vertices if isinstance(s, RigidShell) else q for s in (d.surface, d.faces)
             )
             met = d.closest(d.at(vertices), within, x)
-            near[d.slots[met.point]] = True
+            near[d.contact_vertices[met.point]] = True
     return np.flatnonzero(near)
 
 

@@ -103,7 +103,7 @@ class FusedEuler:
     def _touched(contact: ReducedContact, state: State, motion: "_Motion") -> dict[str, Array]:
         """Memory of the contact; the velocities of the motion become those with its impulses."""
         y, v, h = motion.y, motion.v, float(motion.h[0])
-        known, none = state.memory.get(ALLOWED), np.zeros(len(contact.slots))
+        known, none = state.memory.get(ALLOWED), np.zeros(len(contact.contact_vertices))
         allowed = contact.depths(y) if known is None else known
         rows = contact.rows(y, v, allowed, h)
         N, gap, at = rows

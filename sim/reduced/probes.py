@@ -24,7 +24,7 @@ class _OfOutputs(ABC):
 
     def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Values at one time."""
-        outputs = Outputs.of(state, report or SILENT)
+        outputs = Outputs.at_state(state, report or SILENT)
         return tuple(x[0] for x in self.record_all(system, outputs, control.activation[None]))
 
 

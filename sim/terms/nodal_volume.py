@@ -194,7 +194,7 @@ class CompiledSparseNodalVolume(_NodalPressures):
         self._columns = column[self._entries].astype(np.int32)
         self._shape = (len(self._active), pattern.n)
         kappa = STAND_IN * kappa_by_element(term.kappa, layout.mesh)
-        self._stand_in = CompiledElementVolume(kappa, layout, term.stress_free)
+        self._preconditioner = CompiledElementVolume(kappa, layout, term.stress_free)
         self._no_control = Control(np.zeros(len(layout.muscles)))
         self._at: Array | None = None
         self._product: LowRankTerm | None = None
@@ -214,9 +214,9 @@ class CompiledSparseNodalVolume(_NodalPressures):
             self._product = LowRankTerm(G, self._stiffness[self._active])
         return self._product
 
-    def add_stand_in(self, q: Array, K: Array) -> None:
+    def add_preconditioner_values(self, q: Array, K: Array) -> None:
         """K += the stiffness of softened element volumes, which approximates that of the product."""
-        self._stand_in.add(q, self._no_control, np.zeros_like(q), K)
+        self._preconditioner.add(q, self._no_control, np.zeros_like(q), K)
 
 
 def _stars(mesh: Mesh) -> tuple[Index, Index]:

@@ -82,7 +82,9 @@ class Solid(Term):
         for block in mesh.blocks:
             n, kind = len(block.nodes), block.kind
             corners = self.stress_free[first : first + n, : kind.n_nodes]
-            volumes.append(np.linalg.det(np.einsum("eai,paj->epij", corners, kind.dN)) @ kind.weights)
+            volumes.append(
+                np.linalg.det(np.einsum("eai,paj->epij", corners, kind.dN)) @ kind.weights
+            )
             first += n
         return np.concatenate(volumes)
 
@@ -247,9 +249,10 @@ def _axes(solid: Solid, mesh: Mesh, region: Index, chosen: NDArray[np.bool_]) ->
         return None
     shape = (mesh.n_elements, 3, 3)
     if solid.axes is None or solid.axes.shape != shape:
-        found = None if solid.axes is None else solid.axes.shape
+        axes_shape = None if solid.axes is None else solid.axes.shape
         raise SceneError(
-            f"material axes have shape {found}, expected {shape}: a law of the solid depends on them"
+            f"material axes have shape {axes_shape}, expected {shape}: a law of the solid depends on "
+            "them"
         )
     axes = rotations(solid.axes, needs)
     if solid.prestretch is None:

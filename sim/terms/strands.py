@@ -111,12 +111,12 @@ class Strands:
                     data[start[one] : start[one + 1]], data[start[other] : start[other + 1]]
                 )
                 keep = a[:, None] <= b[None, :]
-                found = (a[:, None] * self.n_nodes + b[None, :])[keep]
-                keys.append(found)
+                pairs = (a[:, None] * self.n_nodes + b[None, :])[keep]
+                keys.append(pairs)
                 value.append(product[keep])
-                pair.append(np.full(len(found), k))
+                pair.append(np.full(len(pairs), k))
                 turned.append(one != s)
-                sizes.append(len(found))
+                sizes.append(len(pairs))
         return (
             np.concatenate(keys),
             np.concatenate(pair),

@@ -26,7 +26,7 @@ def test_scene_and_system_count_what_they_hold():
     facts = scene().facts()
     assert facts["elements"] == "2 hex8" and facts["size"] == "10 x 20 x 30 mm"
     assert facts["terms"] == "Solid, Gravity"
-    assert facts["held"] == "12 of 36 unknowns", "nodes held twice count once"
+    assert facts["fixed"] == "12 of 36 unknowns", "nodes fixed twice count once"
     system = sim.compile_scene(scene())
     assert system.facts()["mass"] == "6.24 g", "1040 kg/m3 times 6 cm3"
     assert system.facts()["unknowns"].startswith("24,")

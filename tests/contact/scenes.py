@@ -5,7 +5,7 @@ import pytest
 
 import sim
 from sim._kernels import triangles as kernel
-from sim.contact.search import Candidates, entered_faces
+from sim.contact.search import Candidates, crossed_faces
 from tests.bodies import grid
 
 CASES = [
@@ -81,4 +81,4 @@ def point_triangle(p, triangle):
 def entered_by(before, after, x0, x1, triangles):
     """Faces that points without a vertex of their own enter first."""
     near = Candidates(triangles, np.full(len(before), -1))
-    return entered_faces(before, after, x0, x1, triangles, near)
+    return crossed_faces(before, after, x0, x1, triangles, near)

@@ -80,10 +80,10 @@ def test_a_penetration_that_no_forces_can_remove_is_reported():
             system, step, lambda r: sign * r, lambda G: sign * (G @ G.T).toarray(), 1.0
         )
 
-    out, near_out = rows(1.0).moved_out(pose, near)
+    out, near_out = rows(1.0).remove_penetration(pose, near)
     assert near_out.gaps(out.q - start.q).min() > -step.tolerances.noticed
     with pytest.raises(sim.NotConverged, match="contact forces did not converge"):
-        rows(-1.0).moved_out(pose, near)
+        rows(-1.0).remove_penetration(pose, near)
 
 
 def test_a_row_that_another_contact_closes_acts_in_the_same_step():

@@ -11,7 +11,7 @@ import sim.integrators.factor
 from sim.contact import cone
 from sim.contact.compiled import FORCE, MEMORY
 from sim.contact.compliance import AT_ONCE, KNOWN, LEARNT, Compliance, DelassusMatrix
-from sim.contact.cone import pushes
+from sim.contact.cone import solve_lcp
 from sim.contact.rows import ContactRows, directions
 from sim.integrators.factor import LBFGS, CompactBFGS
 from sim.integrators.workspace import ContactMemory
@@ -129,7 +129,7 @@ def test_the_delassus_matrix_equals_the_dense_one_also_between_other_rows():
         got = rows.among(np.array(some, dtype=np.int64))
         np.testing.assert_allclose(got, expected, rtol=0, atol=1e-9 * scale)
     every = np.concatenate([other.toarray(), D[[5, 3]].toarray()])
-    got = rows.beside(other, np.array([5, 3]))
+    got = rows.with_other_rows(other, np.array([5, 3]))
     np.testing.assert_allclose(got, every @ inverse @ every.T, rtol=0, atol=1e-9 * scale)
 
 
@@ -189,7 +189,7 @@ def test_active_contacts_are_found_from_any_initial_guess(seed):
     n = int(rng.integers(1, 40))
     G, c = positive(n, rng), rng.normal(size=n)
     for guess in (np.zeros(n, dtype=bool), np.ones(n, dtype=bool), rng.random(n) < 0.5):
-        f = pushes(G, c, guess)
+        f = solve_lcp(G, c, guess)
         gap = G @ f + c
         assert f.min() >= 0.0
         assert gap.min() > -1e-8
@@ -200,9 +200,9 @@ def test_a_cycling_active_set_ends_in_the_solution(monkeypatch):
     """Without any update of the active set, the least-squares method finds the solution."""
     rng = np.random.default_rng(1)
     G, c = positive(12, rng), rng.normal(size=12)
-    expected = pushes(G, c, c < 0.0)
+    expected = solve_lcp(G, c, c < 0.0)
     monkeypatch.setattr(cone, "CHANGES", 0)
-    np.testing.assert_allclose(pushes(G, c, c < 0.0), expected, atol=1e-8)
+    np.testing.assert_allclose(solve_lcp(G, c, c < 0.0), expected, atol=1e-8)
     L = np.linalg.cholesky(G)
     np.testing.assert_allclose(expected, nnls(L.T, -np.linalg.solve(L, c))[0], atol=1e-8)
 
@@ -210,7 +210,7 @@ def test_a_cycling_active_set_ends_in_the_solution(monkeypatch):
 def test_redundant_rows_share_the_contact_force():
     G = np.array([[1.0, 1.0], [1.0, 1.0]])
     for noise in (0.0, -1e-7):
-        f = pushes(G + noise * np.eye(2), np.array([-2.0, -2.0]), np.array([True, True]))
+        f = solve_lcp(G + noise * np.eye(2), np.array([-2.0, -2.0]), np.array([True, True]))
         assert f.min() >= 0.0
         assert f.sum() == pytest.approx(2.0, rel=1e-4)
 

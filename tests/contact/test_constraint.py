@@ -176,14 +176,14 @@ def test_a_slightly_penetrating_vertex_that_enters_deeper_is_found():
     compiled = system_of(mesh, contact).contact
     assert compiled is not None
     q0, q = mesh.X - [0.0, 0.0, 5e-6], mesh.X - [0.0, 0.0, 3e-3]
-    none = np.zeros(len(compiled.vertex_of_slot))
-    rows = compiled.entered(StepGeometry(q0, q, 0.0, 0.01), none)
+    none = np.zeros(len(compiled.node_of_vertex))
+    rows = compiled.crossed(StepGeometry(q0, q, 0.0, 0.01), none)
     bottom = np.flatnonzero(mesh.X[:, 2] == 0.0)
-    assert sorted(compiled.vertex_of_slot[rows.slot]) == sorted(bottom)
+    assert sorted(compiled.node_of_vertex[rows.contact_vertex]) == sorted(bottom)
     np.testing.assert_allclose(rows.gaps(q - q0), -3e-3, rtol=1e-9)
     np.testing.assert_allclose(rows.normal, np.tile([0.0, 0.0, 1.0], (len(bottom), 1)), atol=1e-12)
     # vertices with an allowed initial depth are not reported as entering
-    assert not len(compiled.entered(StepGeometry(q0, q, 0.0, 0.01), none + 5e-6))
+    assert not len(compiled.crossed(StepGeometry(q0, q, 0.0, 0.01), none + 5e-6))
 
 
 @pytest.mark.parametrize("integrator", [sim.ConvergedEuler, sim.Sdirk2])

@@ -71,7 +71,7 @@ def test_normals_rotate_with_a_face_of_the_mesh(stacked):
     acting = replace(multipliers.at(q - mesh.X), force=push)
     memory = step.memory(q, step.at(q), multipliers, acting)[MEMORY]
     expected = push[:, None] * (rows.normal @ R.T)
-    np.testing.assert_allclose(memory[rows.slot, DIRECTION], expected, atol=1e-12)
+    np.testing.assert_allclose(memory[rows.contact_vertex, DIRECTION], expected, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from sim.contact.search import (
     Candidates,
     SignedFaces,
     closest_faces,
-    entered_faces,
+    crossed_faces,
     nearest_faces,
 )
 from tests.bodies import grid, rotation
@@ -200,7 +200,7 @@ def test_listed_faces_give_the_bits_of_a_search_at_every_position():
             one, two = (closest_faces(q1, radius, y1, triangles, n, directions) for n in lists)
             for name in ("point", "face", "weight", "value", "feature"):
                 np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
-            one, two = (entered_faces(q, q1, y, y1, triangles, n) for n in lists)
+            one, two = (crossed_faces(q, q1, y, y1, triangles, n) for n in lists)
             for name in ("point", "face", "weight", "value"):
                 np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
             q, y = q1, y1

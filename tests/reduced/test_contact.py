@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import sim
-from sim.reduced import FusedEuler, ReducedContact, ReducedMarkers, near_slots, reduce_system
+from sim.reduced import FusedEuler, ReducedContact, ReducedMarkers, near_vertices, reduce_system
 from tests.reduced.scenes import STEP, block, drive
 from tests.reduced.test_reduced import whole_basis
 
@@ -69,9 +69,9 @@ def test_a_whole_basis_touches_as_full_order(whole):
 
 def test_points_far_from_faces_may_be_left_out(whole):
     dry, wet, modes, model, activation, expected = whole
-    slots = near_slots(wet.contact, expected[::10], 5e-4)
-    contact = ReducedContact(wet.contact, dry.mesh.X, modes, slots)
-    assert 0 < len(contact.slots) < 0.5 * len(wet.contact.vertex_of_slot)
+    contact_vertices = near_vertices(wet.contact, expected[::10], 5e-4)
+    contact = ReducedContact(wet.contact, dry.mesh.X, modes, contact_vertices)
+    assert 0 < len(contact.contact_vertices) < 0.5 * len(wet.contact.node_of_vertex)
     nodes = ReducedMarkers(dry.mesh.X, modes, [str(n) for n in range(dry.mesh.n_nodes)])
     motion = moved(model.system, FusedEuler(contact), activation, (nodes,), 0.2)
     assert lowest(motion.position.transpose("time", "marker", "axis").values).min() > 1.02 * LEVEL

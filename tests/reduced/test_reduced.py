@@ -278,7 +278,7 @@ def test_a_closure_recovers_a_linear_difference():
     closure = fitted_closure(features, missing)
     memory = {OMITTED: np.stack([features[0, 3:5], np.zeros(2)])}
     state = sim.State(0.0, features[:1, :3], np.zeros((1, 3)), memory)
-    outputs = Outputs.of(state, sim.StepReport(0.01, 1.0))
+    outputs = Outputs.at_state(state, sim.StepReport(0.01, 1.0))
     (recovered,) = closure(features_of(outputs, features[:1, 5:], 7))
     np.testing.assert_allclose(recovered, missing[0], atol=0.02 * np.abs(missing).max())
     assert (closure.weights[:, 6] == 0.0).all()  # an activation that never varies

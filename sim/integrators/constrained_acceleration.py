@@ -9,7 +9,7 @@ from sim.pattern import Flags
 from sim.state import Array, Control, State
 from sim.system import System, damping_matrix
 
-BESIDE = 1e-5  #: time between the poses of the finite difference of the directions of rows [s]
+DIFFERENCE = 1e-5  #: time between the poses of the finite difference of the directions of rows [s]
 
 
 def free_acceleration(system: System, state: State, control: Control) -> Array:
@@ -22,12 +22,12 @@ def free_acceleration(system: System, state: State, control: Control) -> Array:
     return kinematics.solve_mass(f - kinematics.inertial_force(state), state.pose)
 
 
-def held_acceleration(
-    system: System, rows: CompiledJoints, a: Array, state: State, pressed: Flags | None = None
+def constrained_acceleration(
+    system: System, rows: CompiledJoints, a: Array, state: State, pressing: Flags | None = None
 ) -> tuple[Array, Array]:
     """Accelerations (n,) under rigid rows, G dw/dt + dG/dt w + ddrift/dt = 0, and their forces (m,).
 
-    `pressed` (m,) are further rows that are held.
+    `pressing` (m,) are further rows that stay closed.
     """
     kinematics, pose, columns = system.kinematics, state.pose, rows.columns
     w = kinematics.velocities(state)
@@ -36,9 +36,9 @@ def held_acceleration(
         now = rows.evaluate(kinematics.advance(pose, after * w, pose.t + after))
         return now.G @ w[columns] + now.drift
 
-    on = rows.rigid if pressed is None else rows.rigid | pressed
+    on = rows.rigid if pressing is None else rows.rigid | pressing
     G, X = rows.evaluate(pose).G, rows.inverse_mass(pose)
-    turning = (rate(BESIDE) - rate(-BESIDE)) / (2.0 * BESIDE)
+    turning = (rate(DIFFERENCE) - rate(-DIFFERENCE)) / (2.0 * DIFFERENCE)
     f, active = np.zeros(len(G)), G[on]
     f[on] = solved(active @ X[columns] @ active.T, -(active @ a[columns] + turning[on]), ROWS)
     return a + X @ (G.T @ f), f
@@ -63,7 +63,7 @@ def forces_at(system: System, state: State, control: Control) -> Array:
     push[rows.columns] = now.G.T @ f
     a = a + system.kinematics.solve_mass(push, state.pose)
     while (rows.rigid | pressed).any():
-        pressing = held_acceleration(system, rows, a, state, pressed)[1]
+        pressing = constrained_acceleration(system, rows, a, state, pressed)[1]
         pulling = pressed & (pressing < 0.0)
         if not pulling.any():
             return np.where(rows.rigid | pressed, pressing, f)
@@ -82,4 +82,6 @@ def forces_of_rows(system: System, state: State, control: Control) -> Array:
         return state.memory[REACTIONS]
     if not rows.rigid.all():
         return np.full(len(rows.names), np.nan)
-    return held_acceleration(system, rows, free_acceleration(system, state, control), state)[1]
+    return constrained_acceleration(system, rows, free_acceleration(system, state, control), state)[
+        1
+    ]
