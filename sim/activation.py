@@ -9,14 +9,14 @@ from sim.errors import ControlError
 from sim.state import Array, Control, Line
 from sim.system import System
 
-STRAIGHT = 4.0
+CHORD_FACTOR = 4.0
 """Factor on the largest deviation from the chord by which the rise of a first-order step is reduced.
 
 With at least 2 the ends of the line remain in the range of the activation. With 4 the whole impulse
 of a burst shorter than two steps is applied at any position, and a linear activation is reproduced.
 """
 
-FINE = 17
+FINE_SAMPLES = 17
 """Number of instants, besides the samples, at which the misfit of a line is integrated over a step."""
 
 CORNER = 1e-9
@@ -118,7 +118,7 @@ class Driven:
         c, a = self.activation.within(t, t + h)
         whole = a[-1] - a[0]
         astray = np.abs(a - (a[0] + c[:, None] * whole)).max(axis=0)
-        rise = np.sign(whole) * np.maximum(np.abs(whole) - STRAIGHT * astray, 0.0)
+        rise = np.sign(whole) * np.maximum(np.abs(whole) - CHORD_FACTOR * astray, 0.0)
         return Line(_mean(c, a), rise, t, h)
 
     def moments(self, t: float, h: float, places: tuple[float, ...]) -> Line:
@@ -152,7 +152,7 @@ class Driven:
         none = np.zeros_like(line.mean)
         if len(c) == 2 or not none.size:
             return none, none
-        fine = np.union1d(c, np.linspace(0.0, 1.0, FINE))
+        fine = np.union1d(c, np.linspace(0.0, 1.0, FINE_SAMPLES))
         columns: list[Array] = [np.interp(fine, c, a[:, k]) for k in range(a.shape[1])]
         m = np.stack(columns, axis=1) - line.mean - (fine[:, None] - 0.5) * line.rise
         d = np.diff(fine)[:, None]

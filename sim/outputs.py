@@ -10,9 +10,11 @@ from sim.kinematics import rotations
 from sim.state import Array, State, StepReport
 from sim.steps.contract import Watch
 
-KEPT = 0.5  #: least det F of states inside an interval, relative to the smallest at its ends
+LEAST_J_SHARE = (
+    0.5  #: least det F of states inside an interval, relative to the smallest at its ends
+)
 
-STRAIGHT = 0.02
+STRAIGHT_ACTIVATION = 0.02
 """Deviation of an activation from a straight line up to which states are interpolated [1].
 
 The tissue responds with the time constant beta of the damping: a burst that deviates by a from the
@@ -150,8 +152,8 @@ def outputs_of(
 
     A cubic may invert an element that is not inverted at the ends, and does not contain the
     response to the activation within the step. The interval is therefore computed with steps that
-    end at its outputs if the smallest det F of an interpolated state is below `KEPT` times that of
-    the ends, or if the activation deviates by more than `STRAIGHT` from its straight line.
+    end at its outputs if the smallest det F of an interpolated state is below `LEAST_J_SHARE` times that
+    of the ends, or if the activation deviates by more than `STRAIGHT_ACTIVATION` from its straight line.
 
     Raises InvertedElement, NotConverged, SingularSystem as `advance`.
 
@@ -160,11 +162,11 @@ def outputs_of(
     """
     if not interval.inside:
         return [advance(state, interval.until, None)]
-    if astray > STRAIGHT:
+    if astray > STRAIGHT_ACTIVATION:
         return list(_to_each(advance, state, interval))
     inner = Between(interval.inside)
     end, report = advance(state, interval.until, inner)
-    least = KEPT * min(smallest_J(state.q), smallest_J(end.q))
+    least = LEAST_J_SHARE * min(smallest_J(state.q), smallest_J(end.q))
     if all(smallest_J(passed.q) >= least for passed in inner.states):
         return [*((passed, None) for passed in inner.states), (end, report)]
     (first, again), *others = _to_each(advance, state, interval)

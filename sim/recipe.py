@@ -11,7 +11,7 @@ import numpy as np
 
 from sim.scene import Scene
 
-DEEPEST = 40  #: nesting beyond which a part counts by its type alone
+DEEPEST_NESTING = 40  #: nesting beyond which a part counts by its type alone
 
 
 def digest_of(scene: Scene) -> bytes:
@@ -55,7 +55,7 @@ def _add(to: Any, value: Any, depth: int) -> None:
         to.update(b"n" + number.hex().encode() + b";")
     elif isinstance(value, np.ndarray):
         _add_array(to, cast("np.ndarray[Any, Any]", value))
-    elif depth > DEEPEST:
+    elif depth > DEEPEST_NESTING:
         to.update(b"d" + type(value).__qualname__.encode())
     elif isinstance(value, Mapping):
         rows = cast("Mapping[Any, Any]", value)

@@ -11,7 +11,7 @@ from sim.pattern import Flags
 from sim.state import Array, Control, Pose, State
 from sim.system import System
 
-STILL = 1e-7  #: displacement below which the test is not applied [m]
+STILL_MOTION = 1e-7  #: displacement below which the test is not applied [m]
 ROUNDING = 1e-6  #: relative rounding error of the product of displacement and change of force
 
 
@@ -28,7 +28,7 @@ def concave(
     of all terms at the poses under one control [N].
     """
     d = kinematics.between(before, after)
-    if not np.abs(d).max(initial=0.0) > STILL:
+    if not np.abs(d).max(initial=0.0) > STILL_MOTION:
         return False
     change = kinematics.generalised_force(f0(), before)
     change = change - kinematics.generalised_force(f1(), after)
@@ -66,4 +66,4 @@ def snapped_bodies(bodies: BodiesAlone, frames: Array, activation: Array) -> Fla
     d, change = bodies.changes(frames, activation)
     size = np.linalg.norm(d, axis=1) * np.linalg.norm(change, axis=1)
     concave = (d * change).sum(axis=1) < -ROUNDING * size
-    return concave & (np.abs(d).max(axis=1) > STILL)
+    return concave & (np.abs(d).max(axis=1) > STILL_MOTION)

@@ -10,10 +10,10 @@ from sim._kernels.frames import move, turned_tensor
 from sim._kernels.joints import evaluate_rows
 from sim._kernels.options import inner
 
-CHANGES, SINGLE = 20, 100
+CHANGES, SINGLE_CHANGES = 20, 100
 """Largest number of updates of the whole active set, and of single rows after them."""
 
-REPEATED, SOFTENED = 1e-9, 1e-8
+REPEATED, DIAGONAL_SHIFT = 1e-9, 1e-8
 """Fraction of its mobility below which a row depends on others, and relative increase of all then."""
 
 SLACK = 1e-7
@@ -22,7 +22,7 @@ SLACK = 1e-7
 UNMET = 1e-6
 """Violation after all projections above which rows contradict others [m, rad]."""
 
-KEPT = 1e-9
+EARLIER_FACTOR = 1e-9
 """Violation of rows up to which an earlier factor corrects them [m, rad]."""
 
 
@@ -71,10 +71,10 @@ def _complementary(unilateral, near, m, b, S, T, on, place, positive, x, f):
     principal pivoting algorithm for large-scale strictly monotone linear complementarity problems,
     Comput. Oper. Res. 21, 587-596.
     """
-    for softened in (0.0, SOFTENED):
+    for softened in (0.0, DIAGONAL_SHIFT):
         for i in range(m):
             on[i] = not unilateral[near[i]] or b[i] < 0.0
-        for change in range(CHANGES + SINGLE):
+        for change in range(CHANGES + SINGLE_CHANGES):
             k = _factor(on, m, place, S, T, positive, softened)
             if k < 0:
                 break
@@ -298,7 +298,7 @@ def move_on_rows(table, kinds, bodies, twists, q, h, theta, known, most, drift, 
             if last:
                 _drift(table.body_a, table.body_b, rows.JA, rows.JB, twists, rows.drift)
             # the directions at a short distance differ by less than rounding
-            if last or more or worst > KEPT:
+            if last or more or worst > EARLIER_FACTOR:
                 for i in range(len(c)):
                     fallen = kinds.unilateral[i] and c[i] < -drift
                     rows.chosen[i] = kinds.rigid[i] or (fallen and not last)
@@ -308,7 +308,7 @@ def move_on_rows(table, kinds, bodies, twists, q, h, theta, known, most, drift, 
                     rows.S,
                 )  # fmt: skip
                 k = -1
-                for softened in (0.0, SOFTENED):
+                for softened in (0.0, DIAGONAL_SHIFT):
                     if k < 0 and not (last and softened > 0.0):
                         k = _factor(rows.on, m, rows.place, rows.S, rows.T, rows.positive, softened)
                 if k < 0:

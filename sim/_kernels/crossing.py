@@ -9,11 +9,11 @@ The broad phase are lists of faces near the points (`sim._kernels.nearest_faces`
 import numpy as np
 
 from sim._kernels.element import Indices, Reals
-from sim._kernels.grid import ROUNDING
+from sim._kernels.grid import BOX_ROUNDING
 from sim._kernels.options import allocating, inner, kernel
 from sim._kernels.triangles import dot, point_triangle
 
-SHARP = 1e-9  # Barycentric tolerance, so that no point passes between two faces.
+BARYCENTRIC_TOLERANCE = 1e-9  # Barycentric tolerance, so that no point passes between two faces.
 
 
 @inner
@@ -95,7 +95,7 @@ def _entry(p0, p1, a0, a1, b0, b1, c0, c1, weight):
         size = 0.0
         for i in range(3):
             size += (b[i] - a[i]) ** 2 + (c[i] - a[i]) ** 2
-        if d2 <= SHARP * SHARP * size:
+        if d2 <= BARYCENTRIC_TOLERANCE * BARYCENTRIC_TOLERANCE * size:
             return t
     return 2.0
 
@@ -106,7 +106,7 @@ def _pass_by(p0, p1, a0, a1, b0, b1, c0, c1):
     for j in range(3):
         low = min(min(min(a0[j], a1[j]), min(b0[j], b1[j])), min(c0[j], c1[j]))
         high = max(max(max(a0[j], a1[j]), max(b0[j], b1[j])), max(c0[j], c1[j]))
-        rounding = ROUNDING * max(abs(low), abs(high))
+        rounding = BOX_ROUNDING * max(abs(low), abs(high))
         if max(p0[j], p1[j]) < low - rounding or min(p0[j], p1[j]) > high + rounding:
             return True
     return False

@@ -14,10 +14,10 @@ Array = NDArray[np.float64]
 
 # numba looks a tuple up by a loop variable through a table: indices of tuples are written out
 
-SMALL = 1e-3
+SMALL_ANGLE = 1e-3
 """Angle [rad] below which series replace quotients, with an error below 1e-16."""
 
-COASTS, LEFT = 30, 1e-13
+COASTS, COAST_RESIDUAL = 30, 1e-13
 """Largest number of Newton iterations for a free rotation, and the relative momentum that remains."""
 
 
@@ -106,7 +106,7 @@ def move(frames, b, d, i):
     theta = (d[i + 3], d[i + 4], d[i + 5])
     angle = math.sqrt(inner_product(theta, theta))
     half = 0.5 - angle * angle / 48.0
-    if angle >= SMALL:
+    if angle >= SMALL_ANGLE:
         half = math.sin(0.5 * angle) / angle
     w, v = math.cos(0.5 * angle), (half * theta[0], half * theta[1], half * theta[2])
     a, c = frames[b, 3], (frames[b, 4], frames[b, 5], frames[b, 6])
@@ -138,7 +138,7 @@ def rotation_vector(w, r):
     s = -1.0 if w < 0.0 else 1.0
     sine = math.sqrt(inner_product(r, r))
     size = s * (2.0 + sine * sine / 3.0)
-    if sine >= SMALL:
+    if sine >= SMALL_ANGLE:
         size = s * 2.0 * math.atan2(sine, s * w) / sine
     return (size * r[0], size * r[1], size * r[2])
 
@@ -153,7 +153,7 @@ def rate_of_vector(theta, v, half):
     angle2 = inner_product(theta, theta)
     angle = math.sqrt(angle2)
     s = 1.0 / 12.0 + angle2 / 720.0
-    if angle >= SMALL:
+    if angle >= SMALL_ANGLE:
         s = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / angle2
     once = cross(theta, v)
     twice = cross(theta, once)
@@ -197,7 +197,7 @@ def _turned_by(theta, v, sign):
     """Vector turned by the rotation vector sign theta."""
     angle = math.sqrt(inner_product(theta, theta))
     half = 0.5 - angle * angle / 48.0
-    if angle >= SMALL:
+    if angle >= SMALL_ANGLE:
         half = math.sin(0.5 * angle) / angle
     half *= sign
     return turned(math.cos(0.5 * angle), (half * theta[0], half * theta[1], half * theta[2]), v)
@@ -209,7 +209,7 @@ def _slope(theta, v):
     angle2 = inner_product(theta, theta)
     angle = math.sqrt(angle2)
     first, second = 0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0
-    if angle >= SMALL:
+    if angle >= SMALL_ANGLE:
         first = (1.0 - math.cos(angle)) / angle2
         second = (angle - math.sin(angle)) / (angle2 * angle)
     once = cross(theta, v)
@@ -240,7 +240,7 @@ def coasted(I, w0, h, theta):  # noqa: E741
         back, momentum = _turned_by(d, w, -1.0), _turned_by(d, L, -1.0)
         spin = _momentum(I, back)
         r = (spin[0] - momentum[0], spin[1] - momentum[1], spin[2] - momentum[2])
-        if math.sqrt(inner_product(r, r)) <= LEFT * size:
+        if math.sqrt(inner_product(r, r)) <= COAST_RESIDUAL * size:
             return w, True
         # columns of the derivative of r by w
         a = _column(I, d, w, L, (1.0, 0.0, 0.0), h * theta)

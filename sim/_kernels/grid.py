@@ -10,7 +10,7 @@ import numpy as np
 from sim._kernels.element import Indices, Reals
 from sim._kernels.options import inner, kernel
 
-ROUNDING = 1e-12  #: relative enlargement of boxes, to account for rounding
+BOX_ROUNDING = 1e-12  #: relative enlargement of boxes, to account for rounding
 PER_EDGE = 4.0  #: approximate largest number of cells of a box along an axis
 CELLS = 8  #: approximate largest number of cells per face
 
@@ -55,7 +55,7 @@ def grid_of(x0: Reals, x1: Reals, triangles: Indices) -> Grid:
         for j in range(3):
             corner[j], top[j] = min(corner[j], low[f, j]), max(top[j], high[f, j])
             largest = max(largest, max(-low[f, j], high[f, j]))
-    slack = ROUNDING * largest
+    slack = BOX_ROUNDING * largest
     mean = widest = 0.0
     for f in range(m):
         side = 0.0

@@ -35,7 +35,7 @@ LOGARITHMIC = 1
 
 BLEMKER = 0
 GENERIC = 1
-CONSTANT = 2
+CONSTANT_FIBRE = 2
 
 # At rest every stretch is at the kink of the passive curve up to rounding. The side without slope
 # is used, so that the stiffness of a face at rest does not depend on rounding or on displacements
@@ -200,7 +200,7 @@ def fibre(code, p, stretch, activation):
         return blemker(p, stretch, activation)
     if code == GENERIC:
         return generic(p, stretch, activation)
-    if code == CONSTANT:
+    if code == CONSTANT_FIBRE:
         return constant(p, stretch, activation)
     return math.nan, math.nan, math.nan
 
@@ -219,4 +219,4 @@ def fibre_rests(code, p, longest, activation):
         return False
     if code == BLEMKER:
         return longest / p[1] <= 1.0 + KINK
-    return code == CONSTANT
+    return code == CONSTANT_FIBRE

@@ -21,7 +21,7 @@ Index = NDArray[np.int64]
 CONSTANT, PECK, LINEAR_SPRING, HILL = 0, 1, 2, 3
 PARAMETERS = 6
 
-TURNS = 80
+TENDON_ITERATIONS = 80
 """Largest number of Newton steps for the length of a tendon."""
 
 
@@ -119,7 +119,7 @@ def _hill(p, k, length, rest, activation):
     across, most = optimal - tendon, max(length - tendon, 0.0)
     stiff, low, high, y = force_max / (strain * tendon), 0.0, most, most
     w, F, slope = 0.0, 0.0, 0.0
-    for turn in range(TURNS + 1):
+    for turn in range(TENDON_ITERATIONS + 1):
         w, F, slope = _hill_fibres(force_max, passive, pennation, across, y, activation)
         if turn == 0 and (strain == 0.0 or tendon == 0.0 or F <= 0.0):
             return w, F, slope
@@ -133,7 +133,7 @@ def _hill(p, k, length, rest, activation):
         new = y - miss / (slope + stiff)
         if not low < new < high:
             new = 0.5 * (low + high)
-        if turn == TURNS or abs(new - y) <= 1e-15 * most:
+        if turn == TENDON_ITERATIONS or abs(new - y) <= 1e-15 * most:
             break
         y = new
     e = most - y

@@ -22,7 +22,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from sim._kernels.cache import in_one_process
 from sim.threads import in_shares
 
-CHUNKS, ROWS = 2, 512  # smallest share of a thread: chunks of elements, rows of a table
+CHUNKS, LEAST_ROWS = 2, 512  # smallest share of a thread: chunks of elements, rows of a table
 
 _ALL: dict[str, Any] = {
     "no_cfunc_wrapper": True,

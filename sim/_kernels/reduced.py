@@ -34,9 +34,9 @@ Singles = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 DONE, INVERTED, NOT_REACHED, INVERTED_AT_END = 0, 1, 2, 3
-BEGIN, SOLVE, MOVE = 1, 2, 4  #: stages of a step, which are summed
+BEGIN, SOLVE_STAGE, MOVE = 1, 2, 4  #: stages of a step, which are summed
 VECTORS = 4  #: vectors of a step
-STILL = 1e-12  #: displacement in a step below which a solution ends [m]
+SOLVED_MOTION = 1e-12  #: displacement in a step below which a solution ends [m]
 
 
 class Elements(NamedTuple):
@@ -222,7 +222,7 @@ def _add(s, factor):
 def _improve(t, linear, inverse, h, right, v, tolerance, most, s):
     """Solve the equation of the step for v, from a given v; return status and number of products."""
     r, z, p, Ap = s.vectors[0], s.vectors[1], s.vectors[2], s.vectors[3]
-    still = (STILL * linear.size / h) ** 2
+    still = (SOLVED_MOTION * linear.size / h) ** 2
     _product(t, linear, h, v, s, Ap)
     s.stiff[:] = 0.0
     one = np.float64(1.0)
@@ -355,7 +355,7 @@ def advance(
                 s.start[i] = s.force[i // LANES, i % LANES]
             for i in range(r):
                 right[i] += v[i] + h[k] * (s.start[i] + linear.load[i])
-        if stages & SOLVE:
+        if stages & SOLVE_STAGE:
             status, products = _improve(t, linear, inverse, h[k], right, v, rate * h[k], most, s)
             passed.products[k] += products
             if status != DONE:

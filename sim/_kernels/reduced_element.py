@@ -10,9 +10,9 @@ and its change along dF = H, with the change dC of the cofactor, which is linear
     dP = 2 W_1 H + (4 W_11 F:H + 2 W_1J C:H) F + (2 W_1J F:H + W_JJ C:H) C + W_J dC
        + 2 W_4 (H a) a' + 4 W_44 t (F a) a' + 2 W_4J (t C + C:H (F a) a'),    t = F a . H a.
 
-F and the derivatives of W are kept from the start of a step: `KEPT` rows for an element and `OF_FIBRE`
-more for each of its fibres, in single precision. The change of the stress then evaluates no law and
-reads a quarter of what moduli would be. `sim._kernels.solid` states the same derivatives as moduli.
+F and the derivatives of W are kept from the start of a step: `STORED_ROWS` rows for an element and
+`OF_FIBRE` more for each of its fibres, in single precision. The change of the stress then evaluates no
+law and reads a quarter of what moduli would be. `sim._kernels.solid` states the same derivatives as moduli.
 """
 
 # pyright: basic, reportAttributeAccessIssue=false, reportCallIssue=false
@@ -42,7 +42,7 @@ from sim._kernels.options import inner
 from sim._kernels.scatter import subtract_from_nodes
 from sim._kernels.solid import STRESS, by_invariants, by_stretch
 
-KEPT = 14  #: rows of an element: F, 2 W_1, W_J, 4 W_11, 2 W_1J, W_JJ, times the volumes
+STORED_ROWS = 14  #: rows of an element: F, 2 W_1, W_J, 4 W_11, 2 W_1J, W_JJ, times the volumes
 OF_FIBRE = 3  #: rows of a fibre: 2 W_4, 4 W_44, 2 W_4J
 
 
@@ -116,7 +116,7 @@ def add_stress(e, part, laws, fibres, activation, weight, first, s):
     store(s.kept, first + 9, p_1)
     store(s.kept, first + 11, dV * e_11)
     store(s.kept, first + 12, dV * e_1J)
-    P, at = _scaled(p_1, F, p_1 - p_1, F), first + KEPT
+    P, at = _scaled(p_1, F, p_1 - p_1, F), first + STORED_ROWS
     for fibre in range(fibres.start[own], fibres.start[own + 1]):
         muscle = fibres.muscle[fibre]
         drive, code = activation[muscle], fibres.code[muscle]
@@ -151,7 +151,7 @@ def add_stiffness(e, part, fibres, first, s):
     of_F = load(s.kept, first + 11) * FH + e_1J * CH
     of_C = e_1J * FH + load(s.kept, first + 13) * CH
     P = _scaled(load(s.kept, first + 9), H, load(s.kept, first + 10), dC)
-    own, at = part.element[e], first + KEPT
+    own, at = part.element[e], first + STORED_ROWS
     for fibre in range(fibres.start[own], fibres.start[own + 1]):
         if s.acts[fibre]:
             a0, a1, a2 = along(F, fibres.direction, fibre)
@@ -171,4 +171,4 @@ def add_stiffness(e, part, fibres, first, s):
 def rows_of(e, part, fibres):
     """Number of rows that an element keeps."""
     own = part.element[e]
-    return KEPT + OF_FIBRE * (fibres.start[own + 1] - fibres.start[own])
+    return STORED_ROWS + OF_FIBRE * (fibres.start[own + 1] - fibres.start[own])

@@ -13,7 +13,7 @@ from sim._kernels.triangles import CORNER_0, EDGE_0, INSIDE_FACE, dot, point_tri
 
 OPPOSED = 0.5  #: length of the difference of two normals above which they are opposite
 
-FLAT = 0.95
+FLAT_COSINE = 0.95
 """Mean cosine of the angles between faces and their mean normal, below which an edge is sharp."""
 
 CONCAVE = 0.1
@@ -146,7 +146,7 @@ def _signed(
             for j in range(3):
                 size += (outward[j] - against[j]) ** 2
             size = np.sqrt(size)
-            if size > OPPOSED and mean < FLAT:
+            if size > OPPOSED and mean < FLAT_COSINE:
                 for j in range(3):
                     outward[j] = (outward[j] - against[j]) / size
         share = value / (value + blur)

@@ -48,7 +48,7 @@ from sim._kernels.scatter import Places, add_to_matrix, fetch_matrix, subtract_f
 
 # rows of the scratch array: stress, M, N and T, moduli, and blocks
 STRESS, _M, _N, _T, MODULI, _K = map(np.int64, (0, 9, 18, 27, 36, 90))
-ROWS = 138
+SOLID_ROWS = 138
 
 
 @inner
@@ -274,7 +274,7 @@ def evaluate(
     weight zero is skipped.
     """
     x = np.empty((NODES, 3))
-    w = rows(ROWS)
+    w = rows(SOLID_ROWS)
     for e in range(part.chunk[first], part.chunk[last]):
         if with_tangent:
             fetch_matrix(places, e, values)

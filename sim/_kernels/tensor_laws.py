@@ -33,7 +33,7 @@ from sim._kernels.symmetric import (
 
 ISOCHORIC = 0
 FINITE = 1
-SMALL = 2
+SMALL_STRAIN = 2
 
 FIVE_TERM_MOONEY_RIVLIN = 0
 OGDEN = 1

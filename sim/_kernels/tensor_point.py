@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sim._kernels.laws import fibre
 from sim._kernels.options import allocating, inner, kernel_and_inner
 from sim._kernels.symmetric import COLUMN, PLACE, ROW, contract
-from sim._kernels.tensor_laws import ISOCHORIC, SMALL, tensor_law
+from sim._kernels.tensor_laws import ISOCHORIC, SMALL_STRAIN, tensor_law
 
 
 class PointScratch(NamedTuple):
@@ -117,7 +117,7 @@ def project(Sb, Db, J, C, inverse, S, D, with_tangent, work):
 def passive_law(measure, code, p, J, axes, at, with_tangent):
     """Energy of the passive law, which overwrites S and D."""
     C, S, D, Sb, Db, Cb, work = at.C, at.S, at.D, at.Sb, at.Db, at.Cb, at.work
-    if measure == SMALL:
+    if measure == SMALL_STRAIN:
         return tensor_law(code, p, at.small, axes, S, D, with_tangent, work)
     if measure != ISOCHORIC:
         return tensor_law(code, p, C, axes, S, D, with_tangent, work)

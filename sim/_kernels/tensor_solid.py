@@ -53,7 +53,7 @@ from sim._kernels.tensor_element import (
     first_stress,
     strain_rows,
 )
-from sim._kernels.tensor_laws import SMALL
+from sim._kernels.tensor_laws import SMALL_STRAIN
 from sim._kernels.tensor_point import (
     add_fibre,
     add_product,
@@ -171,7 +171,7 @@ def evaluate(
             dV = weight[own] * dV
         row, factor = laws.region[own], scale[e]
         measure, kappa = laws.measure[row], laws.kappa[row]
-        is_small = measure == SMALL
+        is_small = measure == SMALL_STRAIN
         rests = all_rest(w, all_J, own, fibres, activation)
         for k in range(points):
             J = _deformation_at(w, k, at.F, at.cof)

@@ -32,13 +32,12 @@ from sim._kernels.element import (
     stiffness_block,
 )
 from sim._kernels.lanes import load, rows, store, total
-from sim._kernels.options import ROWS as ROWS_LEAST
-from sim._kernels.options import by_chunk, by_colour, in_threads, inner
+from sim._kernels.options import LEAST_ROWS, by_chunk, by_colour, in_threads, inner
 from sim._kernels.scatter import Places, add_to_matrix, fetch_matrix, subtract_from_nodes
 
 # rows of the scratch array: N, pressure or 1 times dV N, derivative of the volume, moduli, blocks
 _N, _P, _H, _A, _K = map(np.int64, (0, 9, 18, 21, 48))
-ROWS = 96
+VOLUME_ROWS = 96
 _OFF_DIAGONAL = (1, 2, 4)  # The second derivative has no blocks of equal axes.
 
 
@@ -111,7 +110,7 @@ def add_pressure(
     """
     by_element = kappa.size > 0
     x = np.empty((NODES, 3))
-    w = rows(ROWS)
+    w = rows(VOLUME_ROWS)
     for e in range(part.chunk[first], part.chunk[last]):
         own = part.element[e]
         if by_element:
@@ -147,7 +146,7 @@ def add_pressure(
 def element_volumes(first: int, last: int, q: Reals, part: Part, v: Reals, h: Reals) -> None:
     """Current volume v (element,) of every element and its derivative h (3 * element, 8)."""
     x = np.empty((NODES, 3))
-    w = rows(ROWS)
+    w = rows(VOLUME_ROWS)
     for e in range(part.chunk[first], part.chunk[last]):
         own = part.element[e]
         J = _deform(w, q, part, e, x)
@@ -162,7 +161,7 @@ def element_volumes(first: int, last: int, q: Reals, part: Part, v: Reals, h: Re
 def point_volumes(first: int, last: int, q: Reals, part: Part, v: Reals, n: Reals) -> None:
     """Current volume v (element, 8) of every point and dV N into n (element, 8, 9)."""
     x = np.empty((NODES, 3))
-    w = rows(ROWS)
+    w = rows(VOLUME_ROWS)
     for e in range(part.chunk[first], part.chunk[last]):
         own = part.element[e]
         J = _deform(w, q, part, e, x)
@@ -191,7 +190,7 @@ class NodePoints(NamedTuple):
     star_start: Indices
 
 
-@in_threads(lambda v, n, slope, kind, corners, *_: [(0, corners.start.size - 1)], ROWS_LEAST)
+@in_threads(lambda v, n, slope, kind, corners, *_: [(0, corners.start.size - 1)], LEAST_ROWS)
 def gather_nodal(
     first: int,
     last: int,
@@ -235,7 +234,7 @@ def gather_nodal(
         nodal_volume[m] = sum_v
 
 
-@in_threads(lambda stiffness, g, start, *_: [(0, start.size - 1)], ROWS_LEAST)
+@in_threads(lambda stiffness, g, start, *_: [(0, start.size - 1)], LEAST_ROWS)
 def add_products(
     begin: int,
     end: int,

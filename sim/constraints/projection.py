@@ -10,13 +10,13 @@ from sim.linear.contract import Operator
 from sim.linear.krylov import conjugate_gradients
 from sim.pattern import Array, Sparsity
 
-SHARE = 1e-10  #: largest relative change of the multipliers in the last iteration
+MULTIPLIER_CHANGE = 1e-10  #: largest relative change of the multipliers in the last iteration
 
-PATIENCE = 9
+STALLED_ITERATIONS = 9
 """Number of iterations with a factor after which it is renewed for the next projection."""
 
 SOLUTIONS = 60  #: largest number of iterations
-SOFT = 1e-12  #: relative regularisation of the factor
+FACTOR_REGULARISATION = 1e-12  #: relative regularisation of the factor
 
 
 class Projection:
@@ -63,17 +63,17 @@ class Projection:
             solutions += 1
             return self._solver.solve(r)
 
-        y, done = conjugate_gradients(product, precondition, c, SHARE, SOLUTIONS)
+        y, done = conjugate_gradients(product, precondition, c, MULTIPLIER_CHANGE, SOLUTIONS)
         if not done and not self.factorisations:  # the factor is of an earlier step
             self._factorise(G)
             self.factorisations = 1
-            y, done = conjugate_gradients(product, precondition, c, SHARE, SOLUTIONS)
+            y, done = conjugate_gradients(product, precondition, c, MULTIPLIER_CHANGE, SOLUTIONS)
         if not done:
             raise SingularSystem(
                 f"positions were not projected to the constraints in {SOLUTIONS} solutions, expected "
                 "linearly independent constraints: try a smaller step, or leave out repeated ones"
             )
-        self.iterations, self._due = solutions, solutions > PATIENCE
+        self.iterations, self._due = solutions, solutions > STALLED_ITERATIONS
         return -pushed(y)
 
     def _factorise(self, G: Array) -> None:
@@ -87,6 +87,6 @@ class Projection:
             self._solver.analyse(Sparsity(start, *places))
             self._analysed = True
         values = np.asarray(upper.data, dtype=np.float64)
-        values[start[:-1]] *= 1.0 + SOFT
+        values[start[:-1]] *= 1.0 + FACTOR_REGULARISATION
         self._solver.factorise(values)
         self._made, self._due = True, False

@@ -275,14 +275,14 @@ class VertexFaceContact:
         return rows if kept.all() else rows.take(np.flatnonzero(kept))
 
 
-MEMORY = "contact"  #: name of the memory in a state
+CONTACT_MEMORY = "contact"  #: name of the memory in a state
 
 ALLOWED, FORCE, PUSH, FRICTION, DIRECTION = 0, 1, slice(2, 5), slice(5, 8), slice(8, 11)
 """Columns of the memory: allowed depth [m], normal force, its vector, friction [N], normal."""
 
 COLUMNS = 11
 
-SHARP = 0.7  #: cosine of the angle of the faces of an edge, below which it is sharp
+SHARP_EDGE = 0.7  #: cosine of the angle of the faces of an edge, below which it is sharp
 
 
 class CompiledContact(CompiledTerm):
@@ -363,13 +363,17 @@ class CompiledContact(CompiledTerm):
 
     def normal_forces(self, memory: Mapping[str, Array]) -> Array:
         """Sum of the normal forces (n_pairings,) in a memory of a state [N]."""
-        force = memory[MEMORY][:, FORCE] if MEMORY in memory else np.zeros(self._n_contact_vertices)
+        force = (
+            memory[CONTACT_MEMORY][:, FORCE]
+            if CONTACT_MEMORY in memory
+            else np.zeros(self._n_contact_vertices)
+        )
         total = np.bincount(self.pairing_of_vertex, force, len(self.names))
         return np.asarray(total, dtype=np.float64)
 
     def pushing(self, state: State) -> Index:
         """Slots of the active vertices in a state."""
-        memory = state.memory.get(MEMORY)
+        memory = state.memory.get(CONTACT_MEMORY)
         none = np.empty(0, dtype=np.int64)
         return none if memory is None else np.flatnonzero(memory[:, FORCE] > 0.0)
 
@@ -386,8 +390,8 @@ class CompiledContact(CompiledTerm):
 
     def remembered(self, memory: Mapping[str, Array], q: Array, t: float) -> Array:
         """Memory (n_vertices, COLUMNS) of a state; without one, penetrations at q and t may remain."""
-        if MEMORY in memory:
-            return memory[MEMORY]
+        if CONTACT_MEMORY in memory:
+            return memory[CONTACT_MEMORY]
         new = np.zeros((self._n_contact_vertices, COLUMNS))
         for direction in self._directions:
             new[direction.contact_vertices, ALLOWED] = direction.depths(q, t)
@@ -443,6 +447,6 @@ def _points_on_edges(faces: SignedFaces, X: Array, number: int) -> tuple[Index, 
     once = np.flatnonzero((across >= 0) & (ends[:, 0] < ends[:, 1]))
     own, other = normal[once // 3], normal[across[once]]
     convex = np.einsum("ki,ki->k", other, X[beyond[once]] - X[ends[once, 0]]) < 0.0
-    sharp = once[convex & (np.einsum("ki,ki->k", own, other) < SHARP)]
+    sharp = once[convex & (np.einsum("ki,ki->k", own, other) < SHARP_EDGE)]
     share = np.arange(1, number + 1) / (number + 1)
     return np.repeat(ends[sharp], number, axis=0), np.tile(share, len(sharp))

@@ -23,7 +23,7 @@ from scipy.sparse import csr_array, vstack
 from sim.scene import Index
 from sim.state import Array
 
-AT_ONCE = 128  #: number of right-hand sides solved together
+COLUMNS_AT_ONCE = 128  #: number of right-hand sides solved together
 KNOWN = 0.1  #: relative error below which updates are skipped
 LEARNT = 64  #: number of updates stored with the matrix
 
@@ -106,8 +106,8 @@ class Compliance:
         self._known = np.r_[self._known, new]
         C = np.empty((n, n))
         C[:before, :before] = self._found
-        for first in range(0, len(new), AT_ONCE):
-            some = new[first : first + AT_ONCE]
+        for first in range(0, len(new), COLUMNS_AT_ONCE):
+            some = new[first : first + COLUMNS_AT_ONCE]
             unit = np.zeros((len(some), len(self._place)))
             unit[np.arange(len(some)), some] = 1.0
             at = before + first + np.arange(len(some))

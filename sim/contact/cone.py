@@ -21,18 +21,24 @@ from sim.scene import Index
 from sim.state import Array
 
 CHANGES = 20  #: largest number of changes of an active set before a more robust method is used
-SOFTENED = 1e-6  #: smallest eigenvalue of a matrix of `solve_lcp`, relative to the largest one
+LEAST_EIGENVALUE = (
+    1e-6  #: smallest eigenvalue of a matrix of `solve_lcp`, relative to the largest one
+)
 
 STARTS, BETWEEN = 2, 50
 """Of `frictional`: starts of Newton's method, and sweeps before each but the first."""
 NEWTON = 10  #: largest number of Newton's iterations from one start
-SHARE = 1e-5  #: largest violation that remains, relative to that by the initial forces
-ROUNDING = 1e-14  #: smallest such violation, relative to the gaps and slips without forces
+VIOLATION_SHARE = 1e-5  #: largest violation that remains, relative to that by the initial forces
+VIOLATION_ROUNDING = (
+    1e-14  #: smallest such violation, relative to the gaps and slips without forces
+)
 
-SWEEPS, TURNS = 100, 40
+SWEEPS, DIRECT_ATTEMPTS = 100, 40
 """Of `forces`: sweeps between two attempts to solve directly for the present states of all contacts;
 attempts."""
-SINGULAR = 1e-12  #: relative size of singular values that are due to rows that repeat each other
+SINGULAR_VALUES = (
+    1e-12  #: relative size of singular values that are due to rows that repeat each other
+)
 REPEATED = 1e-9  #: share of its mobility that a row must retain under the equations
 PROXIMAL = 1e-9  #: regularisation of proximal points, relative to the mobility
 SLIP = 1e-9  #: share of the largest rate up to which a direct solution may violate a row
@@ -53,7 +59,7 @@ def solve_lcp(G: Array, c: Array, pushing: Flags) -> Array:
     except LinAlgError:
         with reported("the matrix of contacts"):
             values = np.linalg.eigvalsh(G)
-            more = SOFTENED * np.abs(values).max() - values[0]
+            more = LEAST_EIGENVALUE * np.abs(values).max() - values[0]
             return _pushes(G + more * np.eye(len(G)), c, pushing)
 
 
@@ -80,8 +86,8 @@ def frictional(
         f_n = max(0, f_n - u_n / G_n),   f_t = P(f_t - u_t / G_t),
 
     where P projects onto the disc of radius mu f_n. Newton's method solves these equations until their
-    violation is `SHARE` of that by the initial forces; where it cycles, sweeps over the contacts provide
-    another start. Of forces that do not converge, the most accurate are returned, with the violation by
+    violation is `VIOLATION_SHARE` of that by the initial forces; where it cycles, sweeps over the
+    contacts provide another start. Of forces that do not converge, the most accurate are returned, with the violation by
     which callers recognise them; it is 0 for others. All obey the bounds of Coulomb's law exactly.
 
     Parameters
@@ -100,7 +106,7 @@ def frictional(
     if not (friction > 0.0).any():
         return solve_lcp(G, c, before > 0.0), 0.0
     trial = best = _Trial(G, c, first, friction, before)
-    error = max(SHARE * trial.missed, ROUNDING * float(np.abs(c).max()))
+    error = max(VIOLATION_SHARE * trial.missed, VIOLATION_ROUNDING * float(np.abs(c).max()))
     single = G.astype(np.float32)
     for turn in range(STARTS):
         if turn > 0:
@@ -276,7 +282,7 @@ def _among(
 ) -> tuple[Array, float]:
     """Forces by a direct solution for the states of contacts, which sweeps find."""
     left = np.inf
-    for turn in range(TURNS + 1):
+    for turn in range(DIRECT_ATTEMPTS + 1):
         # directions of sliding change from step to step, so that those of the initial forces are not
         # exact
         stale = turn == 0 and _slides(first, friction, x).any()
@@ -285,7 +291,7 @@ def _among(
             direct = _frictionless(W, b, first, friction, x)
         if direct is not None:
             return direct, 0.0
-        if left <= error or turn == TURNS:
+        if left <= error or turn == DIRECT_ATTEMPTS:
             break
         left = sweep(W, b, first, friction, x, SWEEPS, error)
         with np.errstate(invalid="ignore", over="ignore"):
@@ -307,10 +313,10 @@ def _slides(first: Index, friction: Array, x: Array) -> Flags:
 def _solution(A: Array, b: Array) -> Array:
     """Solution of A x = b, the smallest one if rows repeat each other."""
     lu, pivots, info = dgetrf(A)
-    if info == 0 and dgecon(lu, float(np.abs(A).sum(axis=0).max()))[0] > SINGULAR:
+    if info == 0 and dgecon(lu, float(np.abs(A).sum(axis=0).max()))[0] > SINGULAR_VALUES:
         return np.asarray(dgetrs(lu, pivots, b)[0])
     with reported("the matrix of active contacts"):
-        return np.asarray(lstsq(A, b, cond=SINGULAR, check_finite=False)[0])
+        return np.asarray(lstsq(A, b, cond=SINGULAR_VALUES, check_finite=False)[0])
 
 
 def _frictionless(W: Array, b: Array, first: Index, friction: Array, x: Array) -> Array | None:

@@ -100,8 +100,8 @@ class ContactTolerances:
         return 2e-4 * self.length
 
 
-FIRST = np.array([0, 0, 0, 0, 1, 1, 1, 2, 2, 3])
-SECOND = np.array([0, 1, 2, 3, 1, 2, 3, 2, 3, 3])
+PAIR_FIRST = np.array([0, 0, 0, 0, 1, 1, 1, 2, 2, 3])
+PAIR_SECOND = np.array([0, 1, 2, 3, 1, 2, 3, 2, 3, 3])
 
 PLACED = 1e-6  #: change of normals and weights of rows that requires no renewal
 
@@ -219,8 +219,8 @@ class RowPlaces:
     def __init__(
         self, pattern: SymmetricPattern, rows: ContactRows, names: tuple[str, ...], reach: float
     ) -> None:
-        a, b = rows.nodes[:, FIRST], rows.nodes[:, SECOND]
-        self._product = rows.weight[:, FIRST] * rows.weight[:, SECOND]
+        a, b = rows.nodes[:, PAIR_FIRST], rows.nodes[:, PAIR_SECOND]
+        self._product = rows.weight[:, PAIR_FIRST] * rows.weight[:, PAIR_SECOND]
         used = self._product != 0.0
         keys = np.minimum(a, b) * pattern.n_nodes + np.maximum(a, b)
         place = np.minimum(

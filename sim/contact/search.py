@@ -34,7 +34,7 @@ Lists = tuple[Index, Index]
 
 
 #: additional radius of the lists, for equally close faces and rounding [m]
-ROUNDING = 2.0 * SAME_DISTANCE
+SEARCH_MARGIN = 2.0 * SAME_DISTANCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ class Candidates:
             farthest = (
                 np.sqrt(((x0 - x1)[self._used] ** 2).sum(axis=1).max()) if x0 is not x1 else 0.0
             )
-            moves, reach = own + (farthest + self._skin + ROUNDING), np.empty(len(after))
+            moves, reach = own + (farthest + self._skin + SEARCH_MARGIN), np.empty(len(after))
             first = np.empty(len(after) + 1, np.int64)
             grid = grid_of(x1, x1, self._triangles)
             around = every, moves, self._nodes, x1, self._triangles, grid, self._every

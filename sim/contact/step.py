@@ -7,10 +7,10 @@ import numpy as np
 
 from sim.contact.compiled import (
     ALLOWED,
+    CONTACT_MEMORY,
     DIRECTION,
     FORCE,
     FRICTION,
-    MEMORY,
     PUSH,
     CompiledContact,
     StepGeometry,
@@ -23,10 +23,10 @@ from sim.state import Array, State
 PASSING = 0.05  #: penetration of a stage's base that remains, relative to the motion in the step
 ALIKE = 0.5  #: cosine of the angle above which a normal is new and not filtered
 OPPOSITE = -0.5  #: cosine of the angle below which two faces are those of both sides of a thin body
-TURN = 0.2  #: time of the low-pass filter of contact normals [s]
+NORMAL_FILTER_TIME = 0.2  #: time of the low-pass filter of contact normals [s]
 
 CORRECTIONS = 4
-FARTHEST = 2.0  #: largest factor on a correction
+LARGEST_CORRECTION = 2.0  #: largest factor on a correction
 
 Opened = Callable[[ContactRows, Array], Array]
 """Displacements (n_nodes, 3) that open rows by distances (k,) [m]."""
@@ -50,7 +50,7 @@ class ContactStep:
         self._start = StepGeometry(state.q, state.q, state.t, t1)
         h = t1 - state.t
         self.renewals = 0 if equilibrium else contact.renewals
-        self._turn, self._way = 1.0 if equilibrium else h / TURN, h * state.v
+        self._turn, self._way = 1.0 if equilibrium else h / NORMAL_FILTER_TIME, h * state.v
         self._memory = contact.remembered(state.memory, state.q, state.t)
         self._removed = contact.removed(self._memory[:, ALLOWED], h)
         self._allowed = self._memory[:, ALLOWED] - self._removed
@@ -161,7 +161,7 @@ class ContactStep:
             move = opened(rows, wanted)
             moved = rows.gaps(move) - rows.gaps(np.zeros_like(q))
             share = float(moved @ wanted) / max(float(moved @ moved), np.finfo(float).tiny)
-            q = q + min(max(share, 0.0), FARTHEST) * move
+            q = q + min(max(share, 0.0), LARGEST_CORRECTION) * move
         return q
 
     def _move(self, q: Array) -> StepGeometry:
@@ -198,7 +198,7 @@ class ContactStep:
             near.contact_vertex,
             np.clip(depth, 0.0, self._allowed[near.contact_vertex]),
         )
-        return {MEMORY: new}
+        return {CONTACT_MEMORY: new}
 
 
 def _cosines(rows: ContactRows, others: ContactRows) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from sim.mesh import Mesh
 from sim.scene import Index
 from sim.state import Array
 
-FLAT = 1e-10
+FLAT_FACE = 1e-10
 """Area relative to the square of the longest side below which a triangle has no normal."""
 
 
@@ -97,7 +97,7 @@ def require_area(triangles: Index, name: str, x: Array) -> None:
     a, b, c = (x[triangles[:, i]] for i in range(3))
     double = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     longest = np.max([((p - r) ** 2).sum(axis=1) for p, r in ((a, b), (b, c), (c, a))], axis=0)
-    flat = ~(double > FLAT * longest)
+    flat = ~(double > FLAT_FACE * longest)
     if flat.any():
         bad = int(np.argmax(flat))
         raise ContactFailure(

@@ -16,7 +16,7 @@ from sim.state import Array, ControlAt, Outputs, State, StepReport
 from sim.system import System
 from sim.terms.crushable import GONE
 
-AT_ONCE = 1000
+STEPS_AT_ONCE = 1000
 """Largest number of steps that are computed without a check for interruption."""
 
 
@@ -39,11 +39,11 @@ class BodiesAlone:
     ) -> "Passed":
         """Advance by linearly implicit steps up to the first that requires the general path.
 
-        `ends` are the times at which steps end [s], of which at most `AT_ONCE` are used; `theta` is the
-        implicit part of a step, 1 for Euler's method and 1/2 for the trapezoidal rule.
+        `ends` are the times at which steps end [s], of which at most `STEPS_AT_ONCE` are used; `theta` is
+        the implicit part of a step, 1 for Euler's method and 1/2 for the trapezoidal rule.
         """
         time = [state.t]
-        for end in ends[:AT_ONCE]:
+        for end in ends[:STEPS_AT_ONCE]:
             time.append(time[-1] + (end - time[-1]))
         n, names = len(time), self.tables.eaten
         frames, twists = np.empty((n, *state.frames.shape)), np.empty((n, *state.twists.shape))

@@ -18,7 +18,7 @@ from sim.integrators.newton import (
 from sim.integrators.workspace import Workspace
 from sim.state import Array
 
-MAX_SHIFTS = 12
+CONSTRAINED_SHIFTS = 12
 
 DIRECTION_ERROR = 0.1  #: error of a direction, relative to the tolerance of positions
 
@@ -101,7 +101,7 @@ def _newton_step(
     """
     scale, shifted, tau, made, saddle = potential.scale, A, 1.0, 0, work.constraints.saddle
     diagonal = potential.system.pattern.diagonal
-    for shifts in range(MAX_SHIFTS + 1):
+    for shifts in range(CONSTRAINED_SHIFTS + 1):
         saddle.factorise(shifted, G)
         step, y = saddle.solve(-scale * g, -c, np.zeros(len(g)), error)
         made, convex = made + saddle.factorisations, saddle.definite
@@ -110,7 +110,7 @@ def _newton_step(
             # error.
             unknown = error * float(np.abs(g).sum())
             convex = dot(step, g) <= dot(y, c) / scale + unknown
-        if convex or shifts == MAX_SHIFTS:
+        if convex or shifts == CONSTRAINED_SHIFTS:
             return step, y / scale, made, shifts
         shifted = A.copy()
         shifted[diagonal] += tau * potential.shift

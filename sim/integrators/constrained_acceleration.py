@@ -3,13 +3,15 @@
 import numpy as np
 
 from sim.dense import solved
-from sim.joints.compiled import ROWS, CompiledJoints
+from sim.joints.compiled import JOINT_MATRIX, CompiledJoints
 from sim.joints.contract import REACTIONS
 from sim.pattern import Flags
 from sim.state import Array, Control, State
 from sim.system import System, damping_matrix
 
-DIFFERENCE = 1e-5  #: time between the poses of the finite difference of the directions of rows [s]
+TIME_DIFFERENCE = (
+    1e-5  #: time between the poses of the finite difference of the directions of rows [s]
+)
 
 
 def free_acceleration(system: System, state: State, control: Control) -> Array:
@@ -38,9 +40,11 @@ def constrained_acceleration(
 
     on = rows.rigid if pressing is None else rows.rigid | pressing
     G, X = rows.evaluate(pose).G, rows.inverse_mass(pose)
-    turning = (rate(DIFFERENCE) - rate(-DIFFERENCE)) / (2.0 * DIFFERENCE)
+    turning = (rate(TIME_DIFFERENCE) - rate(-TIME_DIFFERENCE)) / (2.0 * TIME_DIFFERENCE)
     f, active = np.zeros(len(G)), G[on]
-    f[on] = solved(active @ X[columns] @ active.T, -(active @ a[columns] + turning[on]), ROWS)
+    f[on] = solved(
+        active @ X[columns] @ active.T, -(active @ a[columns] + turning[on]), JOINT_MATRIX
+    )
     return a + X @ (G.T @ f), f
 
 

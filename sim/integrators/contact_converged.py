@@ -21,7 +21,10 @@ from sim.integrators.workspace import Workspace
 from sim.scene import Index
 from sim.state import Array, Evaluation, Pose, require_upright
 
-SLOW, STIFFER = 0.5, 4.0  #: ratio of gaps above which the penalty is increased, and its factor
+SLOW, PENALTY_FACTOR = (
+    0.5,
+    4.0,
+)  #: ratio of gaps above which the penalty is increased, and its factor
 FRICTION_SETTLED = 1e-3  #: relative tolerance of the bounds of friction
 UPDATES, RENEWALS = 200, 20  #: largest numbers of updates of multipliers and of rows
 
@@ -187,7 +190,7 @@ def minimise_in_contact(
         ):
             left = np.where(acting.force > 0.0, np.abs(acting.gap), 0.0)
             slow = (left > settled) & (left > SLOW * before)
-            rho = np.where(slow, STIFFER, 1.0) * multipliers.rho
+            rho = np.where(slow, PENALTY_FACTOR, 1.0) * multipliers.rho
             before, touching.multipliers = left, replace(multipliers, rho=rho)
             continue
         touching.multipliers, q = multipliers, end.pose.q

@@ -25,14 +25,14 @@ from sim.state import Array
 IN_MATRIX = 3.0
 """Penalty of a row relative to the stiffness, so small that factors can be reused."""
 
-PATIENCE = 6  #: number of iterations with one factor if rows are assembled
+ASSEMBLED_PATIENCE = 6  #: number of iterations with one factor if rows are assembled
 
 FREED, FREED_LIMIT = 1e-4, 60
 """Relative error of a solution without the rows of the factor, and largest number of its iterations."""
 
-APART = 300.0  #: penalty of a row relative to the stiffness
+SCHUR_PENALTY = 300.0  #: penalty of a row relative to the stiffness
 
-PASSES = 6  #: largest number of updates of the contact forces in one iteration
+FORCE_UPDATES = 6  #: largest number of updates of the contact forces in one iteration
 
 ROUGH, SURE = (0.5, 1.0, 1.0), (0.02, 1e-3, 0.0)
 """Tolerance of the displacement by a change of forces, relative to it and to the contact residual, and
@@ -45,7 +45,7 @@ REFACTOR_RATIO = 0.5
 CORRECTIONS_UNDER_ROWS, LEFT_OPEN = 2, 0.05
 """Number of corrections of a solution that keeps rows closed, and share of their opening left by it."""
 
-SOFT = 1e-3  #: relative regularisation of redundant rows in a correction
+CORRECTION_REGULARISATION = 1e-3  #: relative regularisation of redundant rows in a correction
 
 AT_BOUND = 1e-9  #: relative distance of friction from its bound below which a contact slides
 
@@ -110,7 +110,7 @@ class ContactPotential(Potential):
 class AssembledContact(ContactPotential):
     """Assembled contact, for very many rows or a matrix that is singular without contact."""
 
-    penalty, patience = IN_MATRIX, PATIENCE
+    penalty, patience = IN_MATRIX, ASSEMBLED_PATIENCE
 
     def __init__(
         self, potential: Potential, multipliers: Multipliers, q0: Array, places: RowPlaces
@@ -213,7 +213,7 @@ class SchurContact(ContactPotential):
     with friction have three directions, the normal one and two across it.
     """
 
-    penalty, patience, refactor_ratio = APART, 2, REFACTOR_RATIO
+    penalty, patience, refactor_ratio = SCHUR_PENALTY, 2, REFACTOR_RATIO
 
     def __init__(self, potential: Potential, multipliers: Multipliers, q0: Array) -> None:
         super().__init__(potential, multipliers, q0)
@@ -299,7 +299,7 @@ class SchurContact(ContactPotential):
         likely = on | (gap[unit.first] < self._tolerances.likely)
         compliance.expect(unit.components_of(likely))
         seen = secants.seen_by(D)
-        for _ in range(PASSES):
+        for _ in range(FORCE_UPDATES):
             contacts = np.flatnonzero(on)
             if not len(contacts):
                 break
@@ -387,7 +387,7 @@ class SchurContact(ContactPotential):
         elsewhere = self._unit.first[others]
         D = directions(self.system.point_pattern, rows)
         G = self._rows(work).with_other_rows(D, elsewhere)
-        G[np.diag_indices_from(G)] *= 1.0 + SOFT
+        G[np.diag_indices_from(G)] *= 1.0 + CORRECTION_REGULARISATION
         gap = np.r_[-wanted, np.zeros(len(elsewhere))]
         force = solve_lcp(G, gap, gap < 0.0)
         here, there = np.split(force, [len(wanted)])

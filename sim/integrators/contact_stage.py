@@ -21,9 +21,9 @@ from sim.contact.rows import NO_ROWS, ContactRows, at_end
 from sim.contact.step import ContactStep, renewed
 from sim.dense import dot, inverse
 from sim.errors import NotConverged
-from sim.integrators.equilibrium_rows import FARTHEST, ReducedStiffness
+from sim.integrators.equilibrium_rows import LARGEST_MOTION, ReducedStiffness
 from sim.integrators.factor import Key
-from sim.integrators.linear_rows import ROUNDS
+from sim.integrators.linear_rows import ROW_ADDITIONS
 from sim.integrators.newton import (
     Iteration,
     Point,
@@ -41,11 +41,11 @@ from sim.multibody import MOST_DENSE
 from sim.scene import Index
 from sim.state import Array, Pose
 
-MAX_SHIFTS = 24  #: shifts of indefinite matrices that end a stage; an ordinary one has none
-PASSES, SHARE = 8, 0.02
+STAGE_SHIFTS = 24  #: shifts of indefinite matrices that end a stage; an ordinary one has none
+STAGE_PASSES, STAGE_SHARE = 8, 0.02
 """Largest number of solutions for the forces of rows in one iteration, and the error of the motion of
 rows that ends them, relative to the largest motion."""
-CLOSED = 0.1  #: the same, relative to the residual of contact
+GAP_CLOSED = 0.1  #: the same, relative to the residual of contact
 RATE = 1e-9  #: error of the rates of rows that are corrected by further solutions [m]
 PLACES = 3  #: largest number of renewals of the normals and closest points of rows
 
@@ -171,7 +171,7 @@ class StageWithRows:
                 rows, places = moved, places + 1
             else:
                 break
-            if searches == ROUNDS:
+            if searches == ROW_ADDITIONS:
                 reason = "new contact constraints appear in every iteration"
                 raise NotConverged(tuple(self._residuals), self._until, reason)
         pose, near = self._rows.remove_penetration(pose, near)
@@ -195,8 +195,8 @@ class StageWithRows:
             reason = "the matrix remains indefinite for any shift"
             raise NotConverged(tuple(self._residuals), self._until, reason) from error
         self._factorisations, self._shifts = self._factorisations + 1 + more, self._shifts + more
-        if self._shifts > MAX_SHIFTS:
-            reason = f"limit of {MAX_SHIFTS} shifts of indefinite matrices"
+        if self._shifts > STAGE_SHIFTS:
+            reason = f"limit of {STAGE_SHIFTS} shifts of indefinite matrices"
             raise NotConverged(tuple(self._residuals), self._until, reason)
         self._solve_densely()
 
@@ -251,18 +251,18 @@ class StageWithRows:
         of_updates = secants.between(secants.seen_by(at.G)) / at.scale
         at.S = by_factor + of_updates
         step, own = self._step, self._tolerances.tolerance
-        least = CLOSED * (own if step is None else step.tolerances.residual)
-        most = max(least, SHARE * float(np.abs(free).max(initial=0.0)))
+        least = GAP_CLOSED * (own if step is None else step.tolerances.residual)
+        most = max(least, STAGE_SHARE * float(np.abs(free).max(initial=0.0)))
         push = at.G.T @ before
         f, u = before, at.scale * self._solved(push) + secants.added(push)
-        for _ in range(PASSES):
+        for _ in range(STAGE_PASSES):
             gap = at.value + at.G @ (free + u) - at.scale * (at.S @ f)
             new = at.forces(gap, f, RATE, self._until)
             change, push = new - f, at.G.T @ (new - f)
             answer = at.scale * self._solved(push)
             moved, seen = at.G @ answer, at.scale * (by_factor @ change)
             f, u = new, u + answer + secants.added(push)
-            missed, _, more = learnt(change, moved, seen, SHARE)
+            missed, _, more = learnt(change, moved, seen, STAGE_SHARE)
             if more is not None:
                 by_factor = by_factor + more / at.scale
                 at.S = by_factor + of_updates
@@ -343,4 +343,4 @@ class StageWithRows:
 
         rounding = rounding_of(start.phi, start.here.energy, borne)
         farthest = float(np.abs(move).max(initial=0.0)) if self._rests else 0.0
-        return line_search(trial, slope, rounding, FARTHEST / max(farthest, FARTHEST))
+        return line_search(trial, slope, rounding, LARGEST_MOTION / max(farthest, LARGEST_MOTION))

@@ -13,16 +13,16 @@ from sim.dense import inverse, least, reported
 from sim.integrators.factor import NewtonFactor
 from sim.integrators.newton import Point, PotentialOfMoves
 from sim.integrators.rows_of_step import JointRows, joint_rows
-from sim.joints.compiled import REDUNDANT, ROWS
+from sim.joints.compiled import JOINT_MATRIX, REDUNDANT
 from sim.linear.contract import Matrix
 from sim.scene import Index
 from sim.state import Array
 
-DIFFERENCE = 1e-5  #: motions between which the curvature of rows is differenced [m, rad]
+CURVATURE_DIFFERENCE = 1e-5  #: motions between which the curvature of rows is differenced [m, rad]
 ON = 1e-9  #: value below which an inequality counts as active [m, rad]
 CONVEX = 1e-4  #: least curvature along motions that the rows allow, relative to the largest one
-STIFFER = 12  #: largest number of tenfold multiples of G'G
-FARTHEST = 0.5
+TENFOLD_SHIFTS = 12  #: largest number of tenfold multiples of G'G
+LARGEST_MOTION = 0.5
 """Largest motion of bodies in an iteration [m, rad], beyond which the model is not used."""
 
 
@@ -51,12 +51,12 @@ class ReducedStiffness:
             unit = np.zeros((len(self._columns), len(at.d)))
             unit[np.arange(len(unit)), self._columns] = 1.0
             self._solutions = np.array([self._factor.solve(e) for e in unit])
-            self._factorised = inverse(self._solutions[:, self._columns], ROWS)
+            self._factorised = inverse(self._solutions[:, self._columns], JOINT_MATRIX)
         own = self._factorised - self._sigma * np.eye(len(self._columns))
         own = 0.5 * (own + own.T) + _curvature(phi, at, rows)
         rigid = ~rows.unilateral & (rows.compliance == 0.0)
         self._stiffness = _definite(own, rows.G[rigid], self._sigma)
-        self._inverse = inverse(self._stiffness, ROWS)
+        self._inverse = inverse(self._stiffness, JOINT_MATRIX)
 
     def solve(self, rhs: Array) -> Array:
         """Solution (n,) for a right-hand side."""
@@ -77,7 +77,7 @@ def _definite(K: Array, G: Array, rho: float) -> Array:
     size = np.abs(np.diag(K))
     unit = np.sqrt(size.clip(1e-12 * float(np.abs(K).max()) or 1.0))
     hard, free, stiffness = G / unit, np.eye(len(K)), K
-    with reported(ROWS):
+    with reported(JOINT_MATRIX):
         if len(hard):
             _, singular, V = np.linalg.svd(hard)
             free = V[int((singular > 1e-10 * singular[0]).sum()) :].T
@@ -85,7 +85,7 @@ def _definite(K: Array, G: Array, rho: float) -> Array:
             lowest = float(np.linalg.eigvalsh(free.T @ (K / np.outer(unit, unit)) @ free)[0])
             if lowest < CONVEX:
                 stiffness = K + (abs(lowest) + CONVEX) * np.diag(unit**2)
-        for _ in range(STIFFER if len(G) else 0):
+        for _ in range(TENFOLD_SHIFTS if len(G) else 0):
             closing = stiffness + rho * (G.T @ G)
             if np.linalg.eigvalsh(closing / np.outer(unit, unit))[0] > 0.0:
                 return closing
@@ -97,10 +97,10 @@ def _curvature(phi: PotentialOfMoves, at: Point, now: JointRows) -> Array:
     """Second derivative (k, k) of -f . c by differences; the forces f balance the gradient best."""
     columns, on = now.columns, ~now.unilateral | (now.value < ON)
     f = np.zeros(len(on))
-    f[on] = least(now.G[on].T, at.g[columns], ROWS, REDUNDANT)
+    f[on] = least(now.G[on].T, at.g[columns], JOINT_MATRIX, REDUNDANT)
     out, way = np.empty((len(columns), len(columns))), np.zeros(len(at.d))
     for k, column in enumerate(columns):
-        way[column] = DIFFERENCE
+        way[column] = CURVATURE_DIFFERENCE
         out[k] = f @ (joint_rows(phi, at.d - way).G - joint_rows(phi, at.d + way).G)
         way[column] = 0.0
-    return (out + out.T) / (4.0 * DIFFERENCE)
+    return (out + out.T) / (4.0 * CURVATURE_DIFFERENCE)

@@ -19,13 +19,17 @@ from sim.state import Array, Pose, State
 from sim.system import System
 
 AHEAD_OF_STEP = 1.5  #: factor on the initial velocity for the search range of vertices
-ROUNDS = 6  #: largest number of additions of violated rows
-PASSES, STALE = 40, 6
+ROW_ADDITIONS = 6  #: largest number of additions of violated rows
+ROW_PASSES, STALE = 40, 6
 """Largest number of passes of a solution under rows, and that after which the compliance is computed
 again."""
-SHARE = 0.1  #: motion of rows that remains, relative to the tolerance of solution or contact
+ROW_MOTION_SHARE = (
+    0.1  #: motion of rows that remains, relative to the tolerance of solution or contact
+)
 FEW = 24  #: number of columns of the compliance that take the time of two corrections
-LARGE = 0.01  #: change, relative to the largest one in a solution, from which an update is made
+UPDATE_FROM = (
+    0.01  #: change, relative to the largest one in a solution, from which an update is made
+)
 EXACT = 0.01  #: relative error of the Delassus matrix below which it is not updated
 
 
@@ -135,7 +139,7 @@ class LinearRows:
         if self._inverse is not None:
             return largest
         _, size, more = learnt(f, at.G @ w, at.S @ f, EXACT)
-        if more is not None and size > LARGE * largest:
+        if more is not None and size > UPDATE_FROM * largest:
             at.S += more
             self._compliance().learn(at.G.T @ f, self._h**2 * w)
         return max(largest, size)
@@ -192,7 +196,7 @@ class LinearRows:
             way = np.linalg.norm(state.v, axis=1) * h
             way += np.linalg.norm(self._start.q - state.q, axis=1)
             rows = step.entering(step.at_start(AHEAD_OF_STEP * way))
-        for _ in range(ROUNDS):
+        for _ in range(ROW_ADDITIONS):
             used, at, w, f = self._under_some(rows)
             way = h * ((1.0 - moves) * self._w0 + moves * w)
             pose = kinematics.advance(state.pose, way, self._until)
@@ -276,8 +280,8 @@ class LinearRows:
         at.S = self._delassus(at.G)
         before, most, largest = at.before, 100.0 * STILL, 0.0
         if self._inverse is None:
-            before, most = f, max(SHARE * self._settled, most)
-        for k in range(PASSES):
+            before, most = f, max(ROW_MOTION_SHARE * self._settled, most)
+        for k in range(ROW_PASSES):
             if k == STALE and self._inverse is None:
                 self._work.contact.discard()
                 at.S = self._delassus(at.G)

@@ -27,10 +27,10 @@ from sim.state import Array, Pose
 from sim.system import System
 
 STILL = 1e-12  #: error of a position that contact forces leave in a step [m]
-REPEATS, CLOSED, ROUGHLY = 30, 1e-11, 1e-6
+REPEATS, CLOSED_SHARE, ROUGHLY = 30, 1e-11, 1e-6
 """Largest number of corrections of a solution under rows, and relative openings that end them, also of
 an approximate solution."""
-LEFT = 1e4  #: error of the rates that forces may leave, relative to the wanted one
+RATE_ERROR = 1e4  #: error of the rates that forces may leave, relative to the wanted one
 ON_FACE = 1e-7  #: gap below which a row is kept closed while others are opened [m]
 
 Solve = Callable[[Array], Array]
@@ -188,7 +188,7 @@ class RowsAt:
             soft=self.compliance[on] / self.scale,
             cutoff=REDUNDANT,
             repeats=REPEATS if exactly else 2,
-            most=(CLOSED if exactly else ROUGHLY) * float((abs(G) @ np.abs(x)).max()),
+            most=(CLOSED_SHARE if exactly else ROUGHLY) * float((abs(G) @ np.abs(x)).max()),
         )
         return x, f
 
@@ -304,6 +304,6 @@ class RowsOfStep:
 
 def _require_converged(left: float, error: float, until: float) -> None:
     """Raise NotConverged if sweeps would change rates by more than rounding of `error` allows."""
-    if not left <= LEFT * error:
+    if not left <= RATE_ERROR * error:
         reason = f"contact forces did not converge, {left:.2g} are left"
         raise NotConverged((), until, reason)

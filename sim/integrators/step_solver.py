@@ -13,7 +13,7 @@ from sim.constraints.union import Constraints
 from sim.errors import NotConverged, SceneError, SingularSystem
 from sim.integrators.factor import AnalysedSolver, NewtonFactor
 from sim.linear import (
-    SINGLE,
+    SINGLE_PRECISION,
     Factor,
     LinearSolver,
     NotPositiveDefinite,
@@ -27,7 +27,7 @@ from sim.linear.saddle import Saddle
 from sim.state import Array, ControlAt, Evaluation, Line, Pose
 from sim.system import System
 
-REFINED, REFINEMENTS = 1e-11, 8
+SOLUTION_REFINED, SOLUTION_REFINEMENTS = 1e-11, 8
 """Relative residual of solutions with many right-hand sides, and largest number of refinements."""
 
 
@@ -133,10 +133,10 @@ class StepSolver:
             return rests.kept(solve(rests.without_forces(r)), columns)
 
         def refined(x: Array, r: Array) -> Array:
-            for _ in range(REFINEMENTS):
+            for _ in range(SOLUTION_REFINEMENTS):
                 more = roughly((r - A.times(x))[None])[0]
                 x = x + more
-                if np.abs(more).max() <= REFINED * np.abs(x).max():
+                if np.abs(more).max() <= SOLUTION_REFINED * np.abs(x).max():
                     return x
             raise SingularSystem(
                 "the linear solutions with constraints do not reach their accuracy"
@@ -179,8 +179,8 @@ class StepSolver:
     def many(self, A: Matrix, exact: bool = True) -> Callable[[Array], Array]:
         """Solver of A X = rhs for many right-hand sides (k, n), with one factor of A itself.
 
-        Solutions are refined to `REFINED`, for which a factor in double precision needs no further
-        solutions; without `exact`, for few, it may be in single precision. It, or its solutions,
+        Solutions are refined to `SOLUTION_REFINED`, for which a factor in double precision needs no
+        further solutions; without `exact`, for few, it may be in single precision. It, or its solutions,
         raise SingularSystem.
         """
         _, definite = self.factorised(A.values, exact)
@@ -195,11 +195,11 @@ class StepSolver:
                     return x
                 hardest = int(np.argmax(size))
                 left = rhs[hardest] - A.times(x[hardest])
-                if np.abs(left).max(initial=0.0) <= REFINED * size[hardest]:
+                if np.abs(left).max(initial=0.0) <= SOLUTION_REFINED * size[hardest]:
                     return x  # a factor in double precision
-                for _ in range(REFINEMENTS):
+                for _ in range(SOLUTION_REFINEMENTS):
                     left = rhs - np.array([A.times(row) for row in x])
-                    if (np.abs(left).max(axis=1, initial=0.0) <= REFINED * size).all():
+                    if (np.abs(left).max(axis=1, initial=0.0) <= SOLUTION_REFINED * size).all():
                         return x
                     x = x + approximate(left)
             raise SingularSystem("solutions with many right-hand sides do not reach their accuracy")
@@ -218,7 +218,7 @@ class StepSolver:
     def _double(self) -> LinearSolver:
         """Direct solver as `_whole`, whose factors are in double precision."""
         whole = self._whole
-        return self._own_matrix_solver if whole.name in SINGLE else whole
+        return self._own_matrix_solver if whole.name in SINGLE_PRECISION else whole
 
     @cached_property
     def _own_matrix_solver(self) -> LinearSolver:
@@ -241,7 +241,7 @@ class StepSolver:
         self._before = None
 
 
-CLOSES, ROUNDING = 0.5, 1e-12
+CLOSES, SLACK_ROUNDING = 0.5, 1e-12
 """Largest share of the violations that a projection may leave, and rounding of positions [m]."""
 
 
@@ -326,7 +326,7 @@ class ConstraintSolver:
             back = self.projection.displacement(G, c, inverse)
         closed = kinematics.advance(pose, back, pose.t)
         left, _ = conditions.evaluate(closed)
-        rounding = ROUNDING * np.asarray(abs(conditions.matrix(G)).sum(axis=1)).ravel()
+        rounding = SLACK_ROUNDING * np.asarray(abs(conditions.matrix(G)).sum(axis=1)).ravel()
         if not (np.abs(left) <= CLOSES * float(np.abs(c).max(initial=0.0)) + rounding).all():
             raise NotConverged(
                 (),

@@ -14,7 +14,7 @@ NEAR = 1e-7  #: displacement of the finite difference of the active stiffness al
 ALTERED = 0.25
 """Change of one activation for a column: exact where forces are affine in the activation."""
 
-FINE = 2e-4
+FINE_STEP = 2e-4
 """Change of one activation where they are not, such as those of fibres in series with a tendon."""
 
 LONGER = 1.1
@@ -87,12 +87,12 @@ class ActiveForces:
         """Activations at which a force is compared with that at a, and weights of their differences.
 
         Their weighted sum is the derivative by the activation: the difference over `ALTERED`, exact for
-        affine forces, or of second order in `FINE`.
+        affine forces, or of second order in `FINE_STEP`.
         """
         way = 1.0 if a + ALTERED <= 1.0 else -1.0
         if self.affine:
             return [(a + way * ALTERED, way / ALTERED)]
-        h = way * FINE
+        h = way * FINE_STEP
         return [(a + h, 2.0 / h), (a + 2.0 * h, -0.5 / h)]
 
     def _disjoint(self, n: int) -> list[list[tuple[int, Index]]]:

@@ -9,7 +9,7 @@ from sim.dense import least, reported
 from sim.pattern import Flags, Index
 from sim.state import Array
 
-TOLERANCE = (
+BVLS_TOLERANCE = (
     1e-14  #: relative change of the objective and of its gradient at which the iteration ends
 )
 
@@ -57,7 +57,7 @@ def minimise_in_box(
         b = least(A.T, unit * (c - Q @ x)[free], "the quadratic of the activations")
         bounds = (low - x)[free] / unit, (high - x)[free] / unit
         most = 20 * len(c) + 20
-        result = lsq_linear(A, b, bounds, method="bvls", tol=TOLERANCE, max_iter=most)
+        result = lsq_linear(A, b, bounds, method="bvls", tol=BVLS_TOLERANCE, max_iter=most)
         at_low[free], at_high[free] = result.active_mask < 0, result.active_mask > 0
         x[free] = np.clip(x[free] + unit * result.x, low[free], high[free])
         x = np.where(at_low, low, np.where(at_high, high, x))

@@ -18,11 +18,11 @@ from sim.state import Array, Control, State
 from sim.system import System
 from sim.threads import one_blas_thread
 
-ITERATIONS = 60  #: most Levenberg-Marquardt iterations of a time
+MOST_ITERATIONS = 60  #: most Levenberg-Marquardt iterations of a time
 GOOD, POOR = 0.75, 0.25
 """Ratios of the decrease and its prediction above and below which the damping changes, by four."""
 LEAST = 1e-4  #: ratio below which a step is refused
-FIRST = 1e-3  #: damping of the first iteration over the mean diagonal of Q
+FIRST_DAMPING = 1e-3  #: damping of the first iteration over the mean diagonal of Q
 
 
 @one_blas_thread
@@ -128,8 +128,8 @@ class _Equilibria:
         state = self._at(a, t, state)
         r = self._residual(state, t)
         model = self._model(objective, state, r, a, t)
-        damping = FIRST * float(np.diag(model[0]).mean())
-        for iteration in range(1, ITERATIONS + 1):
+        damping = FIRST_DAMPING * float(np.diag(model[0]).mean())
+        for iteration in range(1, MOST_ITERATIONS + 1):
             (Q, c), here = model, objective.value(r, a)
             g = Q @ a - c
             damped = Q + damping * np.eye(len(a))
@@ -156,7 +156,9 @@ class _Equilibria:
                 damping *= 0.25
             elif lower < POOR * predicted:
                 damping *= 4.0
-        raise NotConverged((), t, f"the activations still change after {ITERATIONS} iterations")
+        raise NotConverged(
+            (), t, f"the activations still change after {MOST_ITERATIONS} iterations"
+        )
 
     def _model(
         self, objective: Objective, state: State, r: Array, a: Array, t: float

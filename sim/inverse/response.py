@@ -15,7 +15,7 @@ from sim.integrators.linear_rows import LinearRows
 from sim.integrators.step_solver import LinearStep
 from sim.integrators.workspace import Workspace
 from sim.inverse.active_forces import NEAR, ActiveForces, require_affine
-from sim.joints.compiled import REDUNDANT, ROWS, CompiledJoints
+from sim.joints.compiled import JOINT_MATRIX, REDUNDANT, CompiledJoints
 from sim.state import Array, Control, ControlAt, Line, Pose, State, StepReport
 from sim.system import System, stiffness_matrix
 
@@ -204,7 +204,7 @@ def _force_slope(rows: CompiledJoints, pose: Pose, f: Array, left: Array) -> Arr
     out = np.zeros((len(f), left.shape[1]))
     on = ~rows.unilateral | (f > 0.0)
     G = rows.evaluate(pose).G[on]
-    out[on] = least(G.T, left, ROWS, REDUNDANT)
+    out[on] = least(G.T, left, JOINT_MATRIX, REDUNDANT)
     return out
 
 

@@ -15,7 +15,7 @@ from sim.inverse.targets import Target
 from sim.state import Array, State
 from sim.system import System
 
-KEPT = 0.5
+SAME_DERIVATIVES = 0.5
 """Ratio of a decrease and its prediction above which the next iteration has the same derivatives."""
 HALVINGS = 5
 """Largest number of halvings of a Gauss-Newton step."""
@@ -59,8 +59,8 @@ def fit(
 
     Gauss-Newton: every iteration solves the linearised problem within the box and halves its change
     until the objective decreases. The derivatives of an iteration serve the next one as well if the
-    decrease is at least `KEPT` times the predicted one. It ends with a relative decrease below `enough`
-    in an iteration with its own derivatives.
+    decrease is at least `SAME_DERIVATIVES` times the predicted one. It ends with a relative decrease
+    below `enough` in an iteration with its own derivatives.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def fit(
         decrease = reached[-2] - reached[-1]
         little = decrease < enough * abs(reached[-2])
         converged = little and here.exact
-        keep = converged or (not little and decrease > KEPT * predicted)
+        keep = converged or (not little and decrease > SAME_DERIVATIVES * predicted)
         here = replace(accepted, J=here.J, exact=False) if keep else at(accepted.coefficients)
         if after is not None and (converged or here.exact):
             after(here, iterations if converged else k + 1)

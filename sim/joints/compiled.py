@@ -17,7 +17,7 @@ from sim.state import Array, Pose
 
 REDUNDANT = 1e-9  #: fraction of its mobility 1/m that a row must retain under the preceding rows
 
-ROWS = "the matrix of the rows of joints"
+JOINT_MATRIX = "the matrix of the rows of joints"
 
 PROJECTIONS, DRIFT = 5, 1e-13
 """Largest number of projections of positions after a step, and their tolerance [m, rad]."""
@@ -161,7 +161,7 @@ class CompiledJoints:
 
         def inverse(p: Array) -> Array:
             x = self._kinematics.solve_mass(p, pose)
-            return x - X @ (G.T @ solved(S, G @ x[self.columns], ROWS)) if len(G) else x
+            return x - X @ (G.T @ solved(S, G @ x[self.columns], JOINT_MATRIX)) if len(G) else x
 
         return inverse
 
@@ -170,7 +170,7 @@ class CompiledJoints:
         if not self.rigid.any():
             return w
         X, G = self.inverse_mass(pose), self.evaluate(pose).G[self.rigid]
-        f = least(G @ X[self.columns] @ G.T, G @ w[self.columns], ROWS, REDUNDANT)
+        f = least(G @ X[self.columns] @ G.T, G @ w[self.columns], JOINT_MATRIX, REDUNDANT)
         return w - X @ (G.T @ f)
 
     def projected(
@@ -202,7 +202,7 @@ class CompiledJoints:
         G, rate = now.G[self.rigid], (now.G @ w[self.columns] + now.drift)[self.rigid]
         impulse = np.zeros(len(self.names))
         if len(G):
-            impulse[self.rigid] = solved(G @ inverse[self.columns] @ G.T, -rate, ROWS)
+            impulse[self.rigid] = solved(G @ inverse[self.columns] @ G.T, -rate, JOINT_MATRIX)
         return pose, w + inverse @ (now.G.T @ impulse), impulse
 
     def _require_met(self, pose: Pose) -> None:
@@ -225,7 +225,7 @@ class CompiledJoints:
             own = S[k, k]
             if left and own > 0.0:
                 others = S[np.ix_(left, left)]
-                own -= S[k, left] @ solved(others, S[left, k], ROWS)
+                own -= S[k, left] @ solved(others, S[left, k], JOINT_MATRIX)
             if not own > REDUNDANT * S[k, k]:
                 why = (
                     "acts on nothing that moves" if not S[k, k] > 0.0 else "repeats rows before it"
@@ -257,7 +257,7 @@ def _least(G: Array, X: Array, wanted: Array) -> Array:
     """Impulses G'f (k,) for given changes of the rows, the smallest ones if rows are redundant."""
     if not len(G):
         return np.zeros(len(X))
-    return G.T @ least(G @ X @ G.T, wanted, ROWS, REDUNDANT)
+    return G.T @ least(G @ X @ G.T, wanted, JOINT_MATRIX, REDUNDANT)
 
 
 def row_table(rows: Sequence[Row], bodies: Mapping[str, int], rest: Pose) -> RowTable:

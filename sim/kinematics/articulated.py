@@ -30,7 +30,7 @@ _UPPER = np.triu_indices(6)
 _ROTATION = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))  #: entries of -[r]x that are not zero
 
 
-KEPT = 4  #: number of poses whose R is kept
+CACHED_POSES = 4  #: number of poses whose R is kept
 
 
 class Articulated(Kinematics):
@@ -175,7 +175,7 @@ class Articulated(Kinematics):
         data[self._arm_place] = z.ravel()
         made = copy(self._rows)  # of the same sparsity, which need not be checked again
         made.data = data
-        self._matrices = [(pose.frames, made), *self._matrices[: KEPT - 1]]
+        self._matrices = [(pose.frames, made), *self._matrices[: CACHED_POSES - 1]]
         return made
 
     def _of_points(self, w: Array, pose: Pose) -> Array:

@@ -12,7 +12,7 @@ from sim.kinematics.members import NodeMotion
 from sim.pattern import Index
 from sim.state import Array
 
-APART = 1e-4
+PATH_DIFFERENCE = 1e-4
 """Time step of finite differences [s]; their relative error for a motion of 10 Hz is 1e-12."""
 
 
@@ -61,7 +61,7 @@ class Paths:
     def set_velocities(self, v: Array, t: float) -> None:
         """Set the velocities of prescribed nodes."""
         for nodes, path in self._nodes:
-            v[nodes] = _slope([np.asarray(path(t + k * APART)) for k in (-2, -1, 1, 2)])
+            v[nodes] = _slope([np.asarray(path(t + k * PATH_DIFFERENCE)) for k in (-2, -1, 1, 2)])
 
     def twists(self, t: float) -> Array:
         """Twists (n_bodies, 6); zero for bodies that are not prescribed."""
@@ -77,24 +77,24 @@ class Paths:
     def accelerations(self, a: Array, t: float) -> Array:
         """Write accelerations of prescribed nodes into a; return rates (n_bodies, 6) of the twists."""
         for nodes, path in self._nodes:
-            x = [np.asarray(path(t + k * APART)) for k in (-1, 0, 1)]
-            a[nodes] = (x[0] - 2.0 * x[1] + x[2]) / APART**2
-        later, sooner = self.twists(t + APART), self.twists(t - APART)
-        return (later - sooner) / (2.0 * APART)
+            x = [np.asarray(path(t + k * PATH_DIFFERENCE)) for k in (-1, 0, 1)]
+            a[nodes] = (x[0] - 2.0 * x[1] + x[2]) / PATH_DIFFERENCE**2
+        later, sooner = self.twists(t + PATH_DIFFERENCE), self.twists(t - PATH_DIFFERENCE)
+        return (later - sooner) / (2.0 * PATH_DIFFERENCE)
 
     def _around(self, t: float, steps: tuple[int, ...]) -> list[Array]:
         points: list[Array] = []
         for k in steps:
             frames = np.zeros((self._n, 7))
             frames[:, 3] = 1.0
-            self.set_frames(frames, t + k * APART)
+            self.set_frames(frames, t + k * PATH_DIFFERENCE)
             points.append(frames)
         return points
 
 
 def _slope(x: Sequence[Array]) -> Array:
     """Derivative by central differences of fourth order, from values at -2, -1, 1 and 2."""
-    return (x[0] - 8.0 * x[1] + 8.0 * x[2] - x[3]) / (12.0 * APART)
+    return (x[0] - 8.0 * x[1] + 8.0 * x[2] - x[3]) / (12.0 * PATH_DIFFERENCE)
 
 
 def _finite(values: Array, name: str, t: float) -> Array:

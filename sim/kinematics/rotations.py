@@ -7,7 +7,7 @@ import numpy as np
 from sim.pattern import Array
 
 Change = Callable[[Array, Array], Array]  #: a change of vectors (n, 3) by rotation vectors (n, 3)
-SMALL = 1e-3  #: angle [rad] below which series replace quotients, with an error below 1e-16
+SMALL_ANGLE = 1e-3  #: angle [rad] below which series replace quotients, with an error below 1e-16
 
 
 def matrices(quaternion: Array) -> Array:
@@ -32,7 +32,7 @@ def product(p: Array, q: Array) -> Array:
 def exponential(theta: Array) -> Array:
     """Unit quaternions (n, 4) of rotation vectors (n, 3) [rad]."""
     angle = np.sqrt((theta * theta).sum(axis=1, keepdims=True))
-    small = angle < SMALL
+    small = angle < SMALL_ANGLE
     safe = np.where(small, 1.0, angle)
     half = np.where(small, 0.5 - angle**2 / 48.0, np.sin(0.5 * safe) / safe)
     return np.concatenate([np.cos(0.5 * angle), half * theta], axis=1)
@@ -44,7 +44,7 @@ def logarithm(quaternion: Array) -> Array:
     sine = np.sqrt((q[:, 1:] ** 2).sum(axis=1, keepdims=True))
     angle = 2.0 * np.arctan2(sine, q[:, :1])
     return q[:, 1:] * np.where(
-        sine < SMALL, 2.0 + sine**2 / 3.0, angle / np.where(sine > 0, sine, 1)
+        sine < SMALL_ANGLE, 2.0 + sine**2 / 3.0, angle / np.where(sine > 0, sine, 1)
     )
 
 
@@ -66,9 +66,9 @@ def vector_rate(theta: Array, omega: Array) -> Array:
     equation 2.46 and the closed form for SO(3).
     """
     angle = np.sqrt((theta * theta).sum(axis=1, keepdims=True))
-    safe = np.where(angle < SMALL, 1.0, angle)
+    safe = np.where(angle < SMALL_ANGLE, 1.0, angle)
     closed = (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2
-    second = np.where(angle < SMALL, 1.0 / 12.0 + angle**2 / 720.0, closed)
+    second = np.where(angle < SMALL_ANGLE, 1.0 / 12.0 + angle**2 / 720.0, closed)
     once = np.cross(theta, omega)
     return omega - 0.5 * once + second * np.cross(theta, once)
 
@@ -76,8 +76,10 @@ def vector_rate(theta: Array, omega: Array) -> Array:
 def vector_gradient(theta: Array, moment: Array) -> Array:
     """Derivative by theta of an energy whose moment in space is given, dexp(theta)' m."""
     angle = np.sqrt((theta * theta).sum(axis=1, keepdims=True))
-    safe = np.where(angle < SMALL, 1.0, angle)
-    first = np.where(angle < SMALL, 0.5 - angle**2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
-    second = np.where(angle < SMALL, 1.0 / 6.0 - angle**2 / 120.0, (safe - np.sin(safe)) / safe**3)
+    safe = np.where(angle < SMALL_ANGLE, 1.0, angle)
+    first = np.where(angle < SMALL_ANGLE, 0.5 - angle**2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
+    second = np.where(
+        angle < SMALL_ANGLE, 1.0 / 6.0 - angle**2 / 120.0, (safe - np.sin(safe)) / safe**3
+    )
     once = np.cross(theta, moment)
     return moment - first * once + second * np.cross(theta, once)

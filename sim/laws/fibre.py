@@ -113,7 +113,7 @@ class Constant(Parametric):
     """Active stress only, dw/dstretch = activation sigma_max, with sigma_max [Pa] not negative."""
 
     sigma_max: float = quantity(30e3, "Pa", least=0.0)
-    code: ClassVar[int] = laws.CONSTANT
+    code: ClassVar[int] = laws.CONSTANT_FIBRE
 
     def evaluate(self, stretch: Array, activation: Array) -> Derivatives:
         """Linear energy."""

@@ -178,7 +178,7 @@ class LinearElastic(_YoungPoisson):
     """
 
     code: ClassVar[int] = kernel.LINEAR
-    measure: ClassVar[int] = kernel.SMALL
+    measure: ClassVar[int] = kernel.SMALL_STRAIN
     needs_axes: ClassVar[bool] = False
 
     def energy(self, C: Array, axes: Array) -> float:

@@ -29,22 +29,24 @@ def _gmres_superlu() -> ReusedFactor:
     return ReusedFactor(SuperLU(), PivotingSuperLU, PivotingSuperLU)
 
 
-ITERATIONS: dict[str, Callable[[], ReusedFactor]] = {
+ITERATIVE_SOLVERS: dict[str, Callable[[], ReusedFactor]] = {
     "gmres_pardiso": _gmres_pardiso,
     "gmres_superlu": _gmres_superlu,
 }
 """All iterative solvers: the iteration, and the direct solver of its preconditioner."""
 
-LINEAR_SOLVERS: dict[str, Callable[[], Factor | ReusedFactor]] = {**FACTORS, **ITERATIONS}
+LINEAR_SOLVERS: dict[str, Callable[[], Factor | ReusedFactor]] = {**FACTORS, **ITERATIVE_SOLVERS}
 """All linear solvers, which the tests include."""
 
 INDEFINITE = {"pardiso": "pardiso_ldlt", "superlu": "superlu_pivoting"}
 """Solver of each family for matrices that are not positive definite."""
 
-SINGLE = ("pardiso_single",)
+SINGLE_PRECISION = ("pardiso_single",)
 """Solvers whose factors are in single precision."""
 
-LARGE = 2000  #: number of unknowns above which the factor of a time step is reused in the next
+LARGE_SYSTEM = (
+    2000  #: number of unknowns above which the factor of a time step is reused in the next
+)
 MEDIUM = 1000  #: number of unknowns above which a factor of a time step is in single precision
 
 
@@ -75,7 +77,7 @@ def solver_of_steps(name: str, n: int) -> Factor | ReusedFactor:
     products; PARDISO's factors of more than `MEDIUM` unknowns are in single precision, with
     refinement where a solution must be exact. Other names and errors are those of `linear_solver`.
     """
-    if name == "auto" and n >= LARGE:
+    if name == "auto" and n >= LARGE_SYSTEM:
         name = f"gmres_{_family()}"
     elif name == "auto" and n >= MEDIUM and pardiso_is_available():
         name = "pardiso_single"
@@ -88,7 +90,7 @@ def _family() -> str:
 
 __all__ = [
     "FACTORS",
-    "ITERATIONS",
+    "ITERATIVE_SOLVERS",
     "LINEAR_SOLVERS",
     "Factor",
     "LinearSolver",
@@ -98,7 +100,7 @@ __all__ = [
     "PardisoLDLt",
     "PivotingSuperLU",
     "ReusedFactor",
-    "SINGLE",
+    "SINGLE_PRECISION",
     "SinglePardiso",
     "SuperLU",
     "linear_solver",

@@ -9,7 +9,7 @@ from sim.dense import least, solve_under_rows, solved
 from sim.pattern import Index
 from sim.state import Array
 
-ROWS = "the matrix of the equations of joints"
+EQUATIONS_MATRIX = "the matrix of the equations of joints"
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Equations:
         """
         out, G = r.copy(), self.G
         own = out[..., self.columns]
-        out[..., self.columns] = own - solved(G @ G.T, G @ own.T, ROWS).T @ G
+        out[..., self.columns] = own - solved(G @ G.T, G @ own.T, EQUATIONS_MATRIX).T @ G
         return out
 
     def kept(self, z: Array, X: Array) -> Array:
@@ -67,10 +67,10 @@ class Equations:
         def push(f: Array) -> Array:
             return (f @ self.G) @ X
 
-        return solve_under_rows(x, rows, S, push, ROWS, wanted=wanted, repeats=repeats, most=-1.0)[
-            0
-        ]
+        return solve_under_rows(
+            x, rows, S, push, EQUATIONS_MATRIX, wanted=wanted, repeats=repeats, most=-1.0
+        )[0]
 
     def multipliers(self, left: Array) -> Array:
         """Forces mu (m,) with G'mu = A x - r, of the residual (n,) of a solution."""
-        return least(self.G.T, left[self.columns], ROWS)
+        return least(self.G.T, left[self.columns], EQUATIONS_MATRIX)

@@ -89,7 +89,7 @@ NOT_DEFINITE = -4
 
 # Zero-based indices into iparm.
 GIVEN, NESTED_DISSECTION, PIVOT_SHIFT, FACTOR_SIZE = 0, 1, 9, 17
-BUNCH_KAUFMAN, NEGATIVE_PIVOTS, SINGLE, FROM_ZERO = 20, 22, 27, 34
+BUNCH_KAUFMAN, NEGATIVE_PIVOTS, IPARM_SINGLE, FROM_ZERO = 20, 22, 27, 34
 
 
 def pardiso_is_available() -> bool:
@@ -179,7 +179,7 @@ class _Handle:
         self.iparm[PIVOT_SHIFT] = 8
         self.iparm[FACTOR_SIZE] = -1
         self.iparm[BUNCH_KAUFMAN] = 1
-        self.iparm[SINGLE] = int(precision is np.float32)
+        self.iparm[IPARM_SINGLE] = int(precision is np.float32)
         self.iparm[FROM_ZERO] = 1
         self._indptr = np.ascontiguousarray(pattern.indptr, dtype=np.int32)
         self._indices = np.ascontiguousarray(pattern.indices, dtype=np.int32)
@@ -328,7 +328,7 @@ class PardisoLDLt(Pardiso):
         return int(self._handle.iparm[NEGATIVE_PIVOTS])
 
 
-REFINED = 1e-14  # Relative correction at which the refinement ends.
+RELATIVE_CORRECTION = 1e-14  # Relative correction at which the refinement ends.
 ENOUGH = 1e-11  # Relative correction that is accepted if rounding ends the refinement earlier.
 REFINEMENTS = 10
 TRUSTED = 0.1  # Largest accepted error of a solution without refinement.
@@ -429,7 +429,9 @@ class SinglePardiso:
             correction = self._factor.approximate(residual)
             x += correction
             size, moved = float(np.abs(x).max()), float(np.abs(correction).max())
-            if moved <= REFINED * size or (moved > 0.5 * last and moved <= ENOUGH * size):
+            if moved <= RELATIVE_CORRECTION * size or (
+                moved > 0.5 * last and moved <= ENOUGH * size
+            ):
                 return x
             if moved > 0.5 * last:
                 break

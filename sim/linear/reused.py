@@ -20,10 +20,12 @@ from sim.linear.krylov import Iterate, gmres
 from sim.pattern import Index, Sparsity
 from sim.state import Array
 
-PATIENCE = 8  # Additional solutions, compared with a new factor, before an iteration renews it.
+EXTRA_SOLUTIONS = (
+    8  # Additional solutions, compared with a new factor, before an iteration renews it.
+)
 MOST_SOLUTIONS = 60  # Solutions with a new factor before the matrix itself is factorised.
 RELATIVE = 1e-12  # Default accuracy.
-SINGULAR = 0.1  # Ritz value below which a matrix is nearly singular and is factorised.
+NEARLY_SINGULAR = 0.1  # Ritz value below which a matrix is nearly singular and is factorised.
 SENSITIVE = 1e-3  # Factor on the requested error if the matrix is not positive definite.
 
 Timed = Callable[[str], AbstractContextManager[None]]  #: context manager that times a phase
@@ -48,7 +50,7 @@ class ReusedFactor:
 
     An older factor does not detect that the matrix has become singular or indefinite, and the
     estimated error is too small if the matrix is softer. If the smallest Ritz value of the
-    iteration is below `SINGULAR`, the matrix is therefore factorised. If it is not positive
+    iteration is below `NEARLY_SINGULAR`, the matrix is therefore factorised. If it is not positive
     definite, remaining errors grow from step to step, and the iteration continues to `SENSITIVE` of
     the requested error.
 
@@ -135,9 +137,9 @@ class ReusedFactor:
         if self._active is None or self._excess >= self._active.solutions_per_factorisation:
             self._renew()
         if self._fresh is not None:
-            solution = self._iterate(rhs, x, error, self._fresh + PATIENCE, under)
+            solution = self._iterate(rhs, x, error, self._fresh + EXTRA_SOLUTIONS, under)
             self._excess += max(solution.iterations - self._fresh, 0)
-            if solution.reached and solution.smallest >= SINGULAR:
+            if solution.reached and solution.smallest >= NEARLY_SINGULAR:
                 return solution.x
             self._renew()
             x = solution.x if np.isfinite(solution.x).all() else x

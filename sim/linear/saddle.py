@@ -17,7 +17,7 @@ from sim.pattern import Array, Index, Sparsity
 # With this compliance the matrix is quasi-definite, and every ordering has a factor (Vanderbei 1995).
 COMPLIANCE = 1e-8
 # Each refinement reduces the error due to the compliance by about its size.
-REFINEMENTS = 12
+SADDLE_REFINEMENTS = 12
 ACCURACY = 1e-12  # Relative residual at which refinement ends.
 # Relative residual above which a solution is refused, and at which that of a correction ends, which is
 # small itself.
@@ -86,7 +86,7 @@ class QuasiDefinite:
         contradictory or redundant.
         """
         z, size, left = self._solver.solve(rhs), float(np.abs(rhs).max()), np.inf
-        for _ in range(REFINEMENTS):
+        for _ in range(SADDLE_REFINEMENTS):
             residual = rhs - symmetric_product(self._pattern, self._values, z)
             before, left = left, float(np.abs(residual).max())
             if left <= accuracy * size or left > 0.5 * before:

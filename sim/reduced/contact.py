@@ -19,7 +19,7 @@ from sim.pattern import Flags
 from sim.scene import Index
 from sim.state import Array
 
-ALLOWED, IMPULSES = "allowed depths", "contact impulses"
+ALLOWED_DEPTHS, IMPULSES = "allowed depths", "contact impulses"
 """Memory of a state: depth that each point may have [m], and its impulse of the last step [N s]."""
 
 AHEAD_OF_STEP = (
@@ -28,8 +28,11 @@ AHEAD_OF_STEP = (
 SOFTNESS = 1e-4
 """Compliance of a row [m/N]. It makes redundant rows solvable, and lets points overlap by some tenths of
 a millimetre, because few modes cannot meet hundreds of rows: with 1e-5 some motions are locked."""
-SWEEPS, TOLERANCE = 200, 1e-4  #: largest number of sweeps; change of a rate [m/s] at which they end
-DEEPEST = 0.01  #: largest depth at the start [m]
+RATE_SWEEPS, RATE_TOLERANCE = (
+    200,
+    1e-4,
+)  #: largest number of sweeps; change of a rate [m/s] at which they end
+DEEPEST_START = 0.01  #: largest depth at the start [m]
 FASTEST = 0.02  #: speed at which points that are too deep are moved out [m/s]
 
 
@@ -123,7 +126,7 @@ class ReducedContact:
     def depths(self, y: Array) -> Array:
         """Depth of every point at coordinates y [m]."""
         n, q = len(self.contact_vertices), self.positions(y)
-        _, gap, at = self._rows(q, np.full(n, DEEPEST))
+        _, gap, at = self._rows(q, np.full(n, DEEPEST_START))
         deep = np.zeros(n)
         np.maximum.at(deep, at, -gap)
         return deep
@@ -175,7 +178,7 @@ class ReducedContact:
         N, gap, _ = rows
         new = p.copy()
         rate = N[:, : len(v)] @ v + np.maximum(gap, -FASTEST * h) / h
-        push_apart(W, rate, SOFTNESS / h**2, SWEEPS, TOLERANCE, new)
+        push_apart(W, rate, SOFTNESS / h**2, RATE_SWEEPS, RATE_TOLERANCE, new)
         return new, float(np.abs(W @ (new - p)).max(initial=0.0))
 
 

@@ -7,11 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from sim._kernels.reduced import BEGIN, DONE, MOVE, NOT_REACHED, SOLVE, Passed, advance
+from sim._kernels.reduced import BEGIN, DONE, MOVE, NOT_REACHED, SOLVE_STAGE, Passed, advance
 from sim._kernels.reduced import INVERTED as AT_START
 from sim.errors import InvertedElement, SceneError, SingularSystem
 from sim.integrators.workspace import Workspace
-from sim.reduced.contact import ALLOWED, IMPULSES, ReducedContact
+from sim.reduced.contact import ALLOWED_DEPTHS, IMPULSES, ReducedContact
 from sim.reduced.tissue import CompiledReducedSolid
 from sim.scene import Index
 from sim.snapping import ROUNDING
@@ -19,8 +19,8 @@ from sim.state import Array, Control, ControlAt, Outputs, State, StepReport, uni
 from sim.system import System
 
 PRODUCTS = 40  #: largest number of products in a solution
-AT_ONCE = 1000  #: number of steps that are computed without a check for interruption
-ROUNDS, CHANGED = 4, 1e-4
+STEPS_AT_ONCE = 1000  #: number of steps that are computed without a check for interruption
+FUSED_ROUNDS, CHANGED = 4, 1e-4
 """Largest number of solutions with contact in a step; change of a rate at which they end [m/s]."""
 OMITTED = "omitted coordinates"
 """Memory of a state: displacements and velocities of the omitted modes (2, n - r)."""
@@ -56,7 +56,7 @@ class FusedEuler:
         work: Workspace,
     ) -> Iterator[Outputs]:
         """States after each group of steps that end at the given times [s]; errors as of `step`."""
-        at_once = max(AT_ONCE // len(groups[0]), 1)
+        at_once = max(STEPS_AT_ONCE // len(groups[0]), 1)
         for first in range(0, len(groups), at_once):
             some = groups[first : first + at_once]
             time = np.array([state.t, *chain.from_iterable(some)])
@@ -103,7 +103,7 @@ class FusedEuler:
     def _touched(contact: ReducedContact, state: State, motion: "_Motion") -> dict[str, Array]:
         """Memory of the contact; the velocities of the motion become those with its impulses."""
         y, v, h = motion.y, motion.v, float(motion.h[0])
-        known, none = state.memory.get(ALLOWED), np.zeros(len(contact.contact_vertices))
+        known, none = state.memory.get(ALLOWED_DEPTHS), np.zeros(len(contact.contact_vertices))
         allowed = contact.depths(y) if known is None else known
         rows = contact.rows(y, v, allowed, h)
         N, gap, at = rows
@@ -112,22 +112,22 @@ class FusedEuler:
         np.maximum.at(left, at, np.minimum(allowed[at], deep))  # a depth may only decrease
         p, own = state.memory.get(IMPULSES, none)[at], np.ascontiguousarray(N[:, : len(v)])
         motion.right += p @ own
-        motion.run(BEGIN | SOLVE)
+        motion.run(BEGIN | SOLVE_STAGE)
         if len(at):
             X = own @ motion.term.inverses(h)[0]
             W = X @ own.T
-            for _ in range(ROUNDS):
+            for _ in range(FUSED_ROUNDS):
                 new, changed = contact.pushed(rows, W, h, v, p)
                 v += (new - p) @ X
                 motion.right += (new - p) @ own
-                motion.run(SOLVE)
+                motion.run(SOLVE_STAGE)
                 p = new
                 if changed <= CHANGED:
                     break
         every = none.copy()
         every[at] = p
         motion.impulse += p @ N
-        return {ALLOWED: left, IMPULSES: every}
+        return {ALLOWED_DEPTHS: left, IMPULSES: every}
 
 
 def _solid_of(system: System) -> CompiledReducedSolid:
@@ -180,7 +180,7 @@ class _Motion:
             bend=np.zeros(n),
         )
 
-    def run(self, stages: int = BEGIN | SOLVE | MOVE) -> None:
+    def run(self, stages: int = BEGIN | SOLVE_STAGE | MOVE) -> None:
         """Run stages of `sim._kernels.reduced.advance` for the steps that are left.
 
         Raises InvertedElement or SingularSystem for the first that fails; those before are done.

@@ -8,8 +8,8 @@ import numpy as np
 from sim._kernels.element import NODES, Part
 from sim._kernels.lanes import LANES
 from sim._kernels.reduced import VECTORS, Elements, Linear, Scratch, forces
-from sim._kernels.reduced_element import KEPT, OF_FIBRE
-from sim._kernels.solid import ROWS
+from sim._kernels.reduced_element import OF_FIBRE, STORED_ROWS
+from sim._kernels.solid import SOLID_ROWS
 from sim.elements import ELEMENT_TYPES
 from sim.errors import SceneError
 from sim.linear.contract import symmetric_product
@@ -134,12 +134,14 @@ class CompiledReducedSolid(CompiledTerm):
         self.elements = elements_of(solid)
         n, k, fibres = len(solid.load), len(self.elements.rest), self.elements.fibres
         blocks, own = -(-n // LANES), solid.weight > 0.0
-        kept = KEPT * np.count_nonzero(own) + OF_FIBRE * int(np.diff(fibres.start)[own].sum())
+        kept = STORED_ROWS * np.count_nonzero(own) + OF_FIBRE * int(
+            np.diff(fibres.start)[own].sum()
+        )
         self.scratch = Scratch(
             q=np.zeros((k, 3)),
             f=np.zeros((k, 3)),
             x=np.zeros((NODES, 3)),
-            w=np.zeros((ROWS, LANES)),
+            w=np.zeros((SOLID_ROWS, LANES)),
             kept=np.zeros((kept, LANES), dtype=np.float32),
             acts=np.zeros(len(fibres.muscle), dtype=np.bool_),
             y=np.zeros((blocks, LANES)),

@@ -14,7 +14,7 @@ from sim.scene import Index
 from sim.state import Array, State, StepReport, united
 from sim.steps.contract import FAILURES, DampingWatch, Motion, Watch, require_positive
 
-MEMORY = "steps"
+STEPS_MEMORY = "steps"
 """Name in the memory of a state of (halvings of the next step, accumulated error [m])."""
 
 
@@ -88,7 +88,7 @@ class ErrorControlledStep:
             )
         start, total = state.t, until - state.t
         finest = 1 << self.max_halvings
-        level, spent = state.memory.get(MEMORY, np.zeros(2))
+        level, spent = state.memory.get(STEPS_MEMORY, np.zeros(2))
         done, level = 0, min(int(level), self.max_halvings)
         reports: list[StepReport] = []
         rejected, before = 0, np.inf  # the estimate of the attempt before, of twice the step
@@ -136,7 +136,7 @@ class ErrorControlledStep:
             aligned = level > 0 and done % (finest >> (level - 1)) == 0
             if aligned and error * 1.5 * gain <= allowed:
                 level -= 1
-            memory = {**new.memory, MEMORY: np.array([level, spent])}
+            memory = {**new.memory, STEPS_MEMORY: np.array([level, spent])}
             new = replace(new, t=until if last else new.t, memory=memory)
             if watch is not None:
                 watch(state, new)

@@ -9,7 +9,7 @@ from scipy.optimize import nnls
 import sim
 import sim.integrators.factor
 from sim.contact import cone
-from sim.contact.compiled import FORCE, MEMORY
+from sim.contact.compiled import CONTACT_MEMORY, FORCE
 from sim.contact.compliance import AT_ONCE, KNOWN, LEARNT, Compliance, DelassusMatrix
 from sim.contact.cone import solve_lcp
 from sim.contact.rows import ContactRows, directions
@@ -278,7 +278,7 @@ def test_hard_landings_converge(h, seed):
     pull = (*rng.uniform(-20.0, 20.0, 2), -98.1)
     system = system_of(mesh, contact, sim.Gravity(pull))
     for state in moved(system, sim.ConvergedEuler(), 10, h=h)[1:]:
-        assert state.memory[MEMORY][:, FORCE].min() >= 0.0
+        assert state.memory[CONTACT_MEMORY][:, FORCE].min() >= 0.0
         _, gap, _ = system.contact.measure(state)
         assert np.nanmin(gap) > -1e-5
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import sim
-from sim.contact.compiled import FORCE, MEMORY, StepGeometry
+from sim.contact.compiled import CONTACT_MEMORY, FORCE, StepGeometry
 from tests.bodies import grid, rotation
 from tests.contact.scenes import box, moved, square, system_of, two_bodies
 
@@ -102,7 +102,7 @@ def test_points_on_its_edges_support_a_bar_across_a_rail(points, rests):
     contact = sim.ConstraintContact((pairing,), edge_points=points)
     system = system_of(mesh, sim.Gravity((0.0, 0.0, -9.81)), contact)
     end = moved(system, sim.ConvergedEuler(), 40, 0.005)[-1]
-    force, weight = end.memory[MEMORY][:, FORCE].sum(), 9.81 * system.node_mass.sum()
+    force, weight = end.memory[CONTACT_MEMORY][:, FORCE].sum(), 9.81 * system.node_mass.sum()
     left, right = (
         end.q[(mesh.X[:, 0] == x) & (mesh.X[:, 2] == 0.0)] for x in (0.0, mesh.X[:, 0].max())
     )

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import sim
-from sim.contact.compiled import DIRECTION, MEMORY
+from sim.contact.compiled import CONTACT_MEMORY, DIRECTION
 from sim.contact.rows import ContactTolerances
-from sim.contact.step import TURN, ContactStep
+from sim.contact.step import NORMAL_FILTER_TIME, ContactStep
 from tests.bodies import grid, rotation
 from tests.contact.scenes import box, moved, system_of, two_bodies
 
@@ -28,7 +28,7 @@ def test_normals_rotate_with_a_plate():
     contact = sim.ConstraintContact((sim.Pairing(sim.boundary_surface(mesh), plate),), friction=2.0)
     system = system_of(mesh, contact, sim.Gravity((0.0, 0.0, -9.81)))
     for state in moved(system, sim.ConvergedEuler(), 20, h=H)[1:]:
-        memory = state.memory[MEMORY]
+        memory = state.memory[CONTACT_MEMORY]
         stored = memory[np.linalg.norm(memory[:, DIRECTION], axis=1) > 0.0, DIRECTION]
         up = stored[stored @ UP > 0.5]
         assert len(up) == 4
@@ -49,7 +49,7 @@ def started(system, q, direction, v=0.0):
     memory = np.zeros_like(system.contact.remembered(state.memory, state.q, 0.0))
     memory[:, DIRECTION] = direction
     velocity = np.broadcast_to(v, q.shape).copy()
-    return replace(state, q=q, v=velocity, memory={**state.memory, MEMORY: memory})
+    return replace(state, q=q, v=velocity, memory={**state.memory, CONTACT_MEMORY: memory})
 
 
 def first_rows(system, state, h=H, **kind):
@@ -69,13 +69,14 @@ def test_normals_rotate_with_a_face_of_the_mesh(stacked):
     multipliers = step.multipliers(rows, np.ones(len(rows)))
     q, push = mesh.X @ R.T, np.arange(len(rows)) % 2.0
     acting = replace(multipliers.at(q - mesh.X), force=push)
-    memory = step.memory(q, step.at(q), multipliers, acting)[MEMORY]
+    memory = step.memory(q, step.at(q), multipliers, acting)[CONTACT_MEMORY]
     expected = push[:, None] * (rows.normal @ R.T)
     np.testing.assert_allclose(memory[rows.contact_vertex, DIRECTION], expected, atol=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("slide", "share"), [(0.0, H / TURN), (0.5, H / TURN + 0.5), (1.0, 1.0), (9.0, 1.0)]
+    ("slide", "share"),
+    [(0.0, H / NORMAL_FILTER_TIME), (0.5, H / NORMAL_FILTER_TIME + 0.5), (1.0, 1.0), (9.0, 1.0)],
 )
 def test_normals_are_filtered_at_rest_and_follow_sliding_vertices(stacked, slide, share):
     mesh, system = stacked
