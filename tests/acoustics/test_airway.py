@@ -52,6 +52,30 @@ def test_a_centre_line_is_found_and_moves_with_the_body():
     assert moved.length == pytest.approx(airway.length, rel=1e-9)
 
 
+@pytest.mark.parametrize("angle", [0.5 * np.pi, np.pi])
+@pytest.mark.parametrize("with_end", [True, False])
+def test_areas_of_bent_tubes_are_right_up_to_their_open_ends(angle, with_end, tmp_path):
+    """Rings at equal distance from the start ended on one side of the tube: areas were 92 % wrong."""
+    at = np.linspace(0.0, angle, 160)
+    line = 0.03 * np.stack([np.sin(at), 0.0 * at, 1.0 - np.cos(at)], axis=1)
+    radius = 0.008 + 0.003 * np.sin(6.0 * at)
+    position, triangle = pipe(line, radius)
+    path = tmp_path / "pipe.obj"
+    rows = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in position]
+    path.write_text("\n".join([*rows, *(f"f {a} {b} {c}" for a, b, c in triangle + 1)]))
+    start = line[0] + [0.0, 0.004, 0.0]  # not in the middle of the rim
+    found = areas_of_surface(path, start, end=line[-1] if with_end else None)
+    expected = np.pi * np.interp((np.arange(40) + 0.5) / 40, at / angle, radius) ** 2
+    assert found["area"].values[0] == pytest.approx(expected, rel=0.01)
+    assert found["length"].values[0] == pytest.approx(0.03 * angle, rel=0.01)
+
+
+def test_a_centre_line_needs_rings_between_its_ends():
+    position, triangle = pipe(BENT, 0.008)
+    with pytest.raises(DataError, match="no rings between the points"):
+        centre_line(position, triangle, BENT[0], end=BENT[0])
+
+
 def test_the_published_airway_is_of_adult_length_and_keeps_it_in_rigid_motion(shared):
     """Skin of the tract of one speaker, without its lips, which continue over the face."""
     position, triangle, line = published_airway(shared)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse.linalg import spsolve
 
 from emgface.errors import DataError
 
@@ -36,33 +37,113 @@ def centre_line(
     end: Floats | None = None,
     levels: int = 40,
 ) -> Floats:
-    """First estimate of a centre line [m]: means of rings at equal distance from a point `start`.
+    """First estimate of a centre line [m]: means of rings of equal potential from a point `start`.
 
-    The line has at most `levels` + 2 points, from the plane of `start` to where it comes closest to
-    `end`, such as the lips of a surface that continues over the face, or to the middle of the last
-    ring. Parts that are not connected with the beginning are left out. Raises DataError if the
-    surface is empty or not finite.
+    The potential is harmonic over the surface between the rim at `start` and the one at the other end:
+    in straight and in bent tubes, its rings lie across the tube. (Rings at equal distance from the start
+    incline in a bend, because the inner wall is shorter, and end on one side of an open end.) The line
+    has at most `levels` + 2 points, from the plane of `start` to that of `end`, such as the lips of
+    a surface that continues over the face, or to the middle of the last ring. Parts that are not
+    connected with the beginning are left out. Raises DataError if the surface is empty or not finite.
     """
     if len(triangle) == 0 or not np.isfinite(position).all():
         raise DataError("the surface of the airway is empty or not finite, expected triangles")
     a, b = np.concatenate([triangle[:, [0, 1]], triangle[:, [1, 2]], triangle[:, [2, 0]]]).T
     weight = np.maximum(np.linalg.norm(position[a] - position[b], axis=1), 1e-12)
     graph = coo_array((weight, (a, b)), shape=(len(position), len(position))).tocsr()
-    away = np.linalg.norm(position - start, axis=1)
-    away[np.setdiff1d(np.arange(len(position)), triangle)] = np.inf
-    ring = np.flatnonzero(away <= 1.5 * away.min() + 1e-12)
-    distance = dijkstra(graph, directed=False, indices=ring, min_only=True)
+    used = np.isin(np.arange(len(position)), triangle)
+    rims = _rims(triangle, len(position))
+    first = _near(position, start, used, rims)
+    distance = dijkstra(graph, directed=False, indices=np.flatnonzero(first), min_only=True)
     reached = np.isfinite(distance)
-    edges = np.linspace(0.0, distance[reached].max() * (1.0 + 1e-9), levels + 1)
-    level = np.digitize(distance, edges) - 1
-    means = [position[reached & (level == k)].mean(axis=0) for k in range(levels)
-             if (reached & (level == k)).any()]  # fmt: skip
-    line = np.array(means)
-    if end is not None:
-        line = line[: max(2, int(np.argmin(np.linalg.norm(line - end, axis=1))) + 1)]
-    # a mean lies in the middle of its ring; the line goes to the planes of the points specified
-    after = [] if end is None else [_ahead(line[-2:], end)]
-    return np.array([_ahead(line[1::-1], start), *line, *after])
+    if end is None:
+        size, own = np.bincount(rims), np.where(reached & ~first, distance, 0.0)
+        mean = np.bincount(rims, own) / size
+        open_ends = np.where((size > 2) & (mean > 0.0), mean, -1.0)
+        far = rims[np.argmax(own)] if open_ends.max() < 0.0 else int(np.argmax(open_ends))
+        last = rims == far
+    else:
+        last = _near(position, end, reached, rims)
+        last |= reached & (distance >= distance[last].max())
+    potential = _potential(position, triangle, reached, first, last & ~first)
+    inside = potential[reached & ~first & ~last]
+    at = np.quantile(inside, (np.arange(levels) + 0.5) / levels) if len(inside) else inside
+    values = np.unique(at[(at > 0.0) & (at < 1.0)])
+    if len(values) < 2:
+        raise DataError(
+            "the surface has no rings between the points specified, expected a tube of several rings "
+            "from the start to the end: check the points and their unit"
+        )
+    own = triangle[reached[triangle].all(axis=1)]
+    rings = [_ring(position, own, potential, value) for value in values]
+    # the line goes to the planes of the points specified
+    after = position[last].mean(axis=0) if end is None else _ahead(np.array(rings[-2:]), end)
+    return np.array([_ahead(np.array(rings[1::-1]), start), *rings, after])
+
+
+def _ring(position: Floats, triangle: Integers, potential: Floats, value: float) -> Floats:
+    """Centroid of the curve of a value of the potential on a surface [m]."""
+    above = potential[triangle] > value
+    cut = above.any(axis=1) & ~above.all(axis=1)
+    points = list[Floats]()
+    weight = list[NDArray[np.bool_]]()
+    for k in range(3):
+        a, b = triangle[cut][:, k], triangle[cut][:, (k + 1) % 3]
+        crossed = above[cut][:, k] != above[cut][:, (k + 1) % 3]
+        step = np.where(crossed, potential[b] - potential[a], 1.0)
+        share = np.clip((value - potential[a]) / step, 0.0, 1.0)[:, None]
+        points.append(position[a] + share * (position[b] - position[a]))
+        weight.append(crossed)
+    of, on = np.stack(points, axis=1), np.stack(weight, axis=1)
+    first, second = of[on].reshape(-1, 2, 3).transpose(1, 0, 2)
+    size = np.maximum(np.linalg.norm(second - first, axis=1), 1e-12)
+    return np.average(0.5 * (first + second), axis=0, weights=size)
+
+
+def _rims(triangle: Integers, count: int) -> Integers:
+    """Number (count,) of the open rim of every vertex, a number of its own where it is on none."""
+    sides = np.concatenate([triangle[:, [0, 1]], triangle[:, [1, 2]], triangle[:, [2, 0]]])
+    edge, uses = np.unique(np.sort(sides, 1), axis=0, return_counts=True)
+    graph = coo_array((np.ones((uses == 1).sum()), edge[uses == 1].T), shape=(count, count))
+    return connected_components(graph, directed=False)[1]
+
+
+def _near(
+    position: Floats, point: Floats, among: NDArray[np.bool_], rims: Integers
+) -> NDArray[np.bool_]:
+    """Vertices of the open rim round a point; without one, those hardly farther than the nearest."""
+    away = np.where(among, np.linalg.norm(position - point, axis=1), np.inf)
+    near = away <= 1.5 * away.min() + 1e-12
+    for rim in np.unique(rims[near]):
+        own = rims == rim
+        if own.sum() > 2 and np.linalg.norm(position[own].mean(axis=0) - point) < 1.5 * away.min():
+            return own
+    return near
+
+
+def _potential(
+    position: Floats,
+    triangle: Integers,
+    reached: NDArray[np.bool_],
+    first: NDArray[np.bool_],
+    last: NDArray[np.bool_],
+) -> Floats:
+    """Harmonic function of the vertices, 0 on `first` and 1 on `last` (cotangents; Pinkall 1993)."""
+    n, x = len(position), position[triangle]
+    weights, pairs = list[Floats](), list[Integers]()
+    for k in range(3):
+        p, q = x[:, (k + 1) % 3] - x[:, k], x[:, (k + 2) % 3] - x[:, k]
+        area = np.linalg.norm(np.cross(p, q), axis=1)
+        weights.append(np.einsum("ti,ti->t", p, q) / np.maximum(area, 1e-18))
+        pairs.append(triangle[:, [(k + 1) % 3, (k + 2) % 3]])
+    w, (a, b) = np.maximum(np.concatenate(weights), 1e-3), np.concatenate(pairs).T
+    L = coo_array(
+        (np.r_[w, w, -w, -w], (np.r_[a, b, a, b], np.r_[a, b, b, a])), shape=(n, n)
+    ).tocsr()
+    free = np.flatnonzero(reached & ~first & ~last)
+    found = last.astype(np.float64)
+    found[free] = spsolve(L[free][:, free].tocsc(), -(L[free] @ found))
+    return found
 
 
 def _ahead(pair: Floats, point: Floats) -> Floats:
