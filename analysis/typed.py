@@ -48,12 +48,12 @@ def scored_values(cube: xr.Dataset) -> xr.Dataset:
     A trial may be excluded later by its status alone.
     """
     ok = status_of(cube) == "ok"
-    found = {
+    by_status = {
         name: data.where(ok)
         for name, data in cube.data_vars.items()
         if data.dtype.kind == "f" and set(ok.dims) <= set(data.dims)
     }
-    return cube.assign(found)
+    return cube.assign(by_status)
 
 
 def relabelled(data: Labelled, coords: Mapping[str, Any]) -> Labelled:

@@ -99,7 +99,7 @@ def ingredients(face: xr.Dataset) -> dict[str, Floats]:
     from scipy.spatial import KDTree
 
     X = face["position"].values
-    skin, inner = (KDTree(X[Sheet.of(face, layer).nodes]).query(X)[0] for layer in (OUTER, INNER))
+    skin, inner = (KDTree(X[Sheet.from_face(face, layer).nodes]).query(X)[0] for layer in (OUTER, INNER))
     mouth = X[face["marker_node"].values].mean(axis=0)
     away = np.linalg.norm(X - mouth, axis=1)
 
@@ -118,7 +118,7 @@ def ingredients(face: xr.Dataset) -> dict[str, Floats]:
 
 def relaxed(face: xr.Dataset, truth: Floats) -> Floats:
     """True nodes after the relaxation of elements of a fit; nodes of both surfaces are held."""
-    corners = Corners.of(face["connectivity"].values.astype(np.int64))
+    corners = Corners.from_elements(face["connectivity"].values.astype(np.int64))
     prescribed = np.unique(np.concatenate([sheet.nodes for sheet in sheets(face).values()]))
     springs = at_nodes(
         prescribed, truth[prescribed], np.tile(1e3 * np.eye(3), (len(prescribed), 1, 1))

@@ -121,11 +121,11 @@ def detectable(
 
     def reached(effect: float) -> float:
         # The draws are the same for every effect, so that power increases monotonically with it.
-        found = simulated_power(
+        power = simulated_power(
             effect, 1.0, volunteers=[n], test=test, alpha=alpha, target=target, simulations=1000,
             contrasts=contrasts,
         )  # fmt: skip
-        return float(found["power"][0])
+        return float(power["power"][0])
 
     low, high = 0.0, 1.0
     while reached(high) < target:

@@ -108,9 +108,9 @@ def tied_levels(values: Array) -> NDArray[np.int64]:
     """
     order = np.argsort(values, kind="stable")
     steps = np.diff(values[order]) > TIED * float(np.abs(values).max(initial=0.0))
-    found = np.zeros(len(values), dtype=np.int64)
-    found[order[1:]] = np.cumsum(steps)
-    return found
+    levels = np.zeros(len(values), dtype=np.int64)
+    levels[order[1:]] = np.cumsum(steps)
+    return levels
 
 
 def wilcoxon_p(values: Array) -> tuple[float, float]:

@@ -90,13 +90,13 @@ def conclusions(statistics: Mapping[str, xr.Dataset], *, together: bool = False)
     alpha = 1.0 - float(exact.attrs["level"])
     variable, origin = str(exact.attrs["variable"]), str(exact.attrs["origin"])
     tested = int((exact["n"].values > 1).sum())
-    told: list[str] = []
+    sentences: list[str] = []
     general: dict[str, list[int]] = {}  # of a sentence, the places in `told` that it belongs to
     for index, contrast in enumerate(exact["contrast"].values):
         row = exact.isel(contrast=index)
         p, least, n = float(row["p_joint"]), float(row["smallest_p"]), int(row["n"])
         if math.isnan(p) or n < 2:
-            told.append(f"{contrast}: {persons(n)} with pairs; no test is performed.")
+            sentences.append(f"{contrast}: {persons(n)} with pairs; no test is performed.")
             continue
         if p <= alpha * (1 + 1e-9):
             higher = "higher" if float(row["estimate"]) > 0 else "lower"
@@ -114,18 +114,18 @@ def conclusions(statistics: Mapping[str, xr.Dataset], *, together: bool = False)
                 f"no significant difference in {variable} ({shown_p(p)} jointly, "
                 f"{persons(n)}); a difference may exist: {_smallest_seen(row, alpha, tested)}."
             )
-        told.append(f"{contrast}: {text}")
+        sentences.append(f"{contrast}: {text}")
         second = _in_general(statistics["mixed_model"].isel(contrast=index), alpha)
-        general.setdefault(second, []).append(len(told) - 1)
+        general.setdefault(second, []).append(len(sentences) - 1)
     every = exact["contrast"].values.tolist()
     for second, places in general.items():
         if together and len(places) > 1:
-            shared = [told[k].partition(":")[0] for k in places]
-            told.append(second if shared == every else f"{', '.join(shared)}: {second}")
+            shared = [sentences[k].partition(":")[0] for k in places]
+            sentences.append(second if shared == every else f"{', '.join(shared)}: {second}")
         else:
             for k in places:
-                told[k] += f" {second}"
-    return told or [str(exact.attrs["sentence"])]
+                sentences[k] += f" {second}"
+    return sentences or [str(exact.attrs["sentence"])]
 
 
 def _smallest_seen(row: xr.Dataset, alpha: float, tested: int) -> str:

@@ -29,8 +29,8 @@ def treat(
     from emgface.face.file import load_face, save_face
     from emgface.face.identity import treatments
     from emgface.schema.netcdf import kind_of, write_netcdf
+    from emgface.treatment.facts import facts_of_report
     from emgface.treatment.plan import NOT_VALIDATED, read_plan
-    from emgface.treatment.told import facts_of_report
     from emgface.treatment.treat import treat_face, treat_jaw
 
     if model.is_file() and kind_of(model) == "jaw_model":

@@ -103,10 +103,10 @@ def fit_jaw(
     aims = None if matched is None else (matched.source, to_frame(matched.target), noise)
     pairs = [(own[body], target) for body, target in targets.items()]
     moved = smooth_map(motion, pairs, aims) if pairs or aims is not None else SmoothMap(motion)
-    found = moved_jaw(jaw, moved)
+    fitted = moved_jaw(jaw, moved)
     inputs = {"landmarks": marks, **scans}
-    found = found.assign_attrs(provenance(jaw, name, inputs, to_frame, simulated))
-    distance = _distances(own, found, targets, motion)
+    fitted = fitted.assign_attrs(provenance(jaw, name, inputs, to_frame, simulated))
+    distance = _distances(own, fitted, targets, motion)
     _check(distance, scans)
     errors = _landmarks(matched, aims, moved)
     if matched is not None:
@@ -114,7 +114,7 @@ def fit_jaw(
         left = left_landmarks(1e-3 * errors["error"].to_numpy(), noise)
         notes += [left] if left else []
     return FittedBones(
-        check_jaw(found), distance, errors, _bodies(jaw, found), tuple(notes), jaw, targets,
+        check_jaw(fitted), distance, errors, _bodies(jaw, fitted), tuple(notes), jaw, targets,
         None if aims is None else aims[1],
     )  # fmt: skip
 
@@ -131,12 +131,12 @@ def surfaces_of(jaw: xr.Dataset) -> dict[str, Surface]:
         return {}
     position, triangle = jaw["surface_position"].values, jaw["surface_triangle"].values
     owner = jaw["surface_body"].values[triangle[:, 0]]
-    found: dict[str, Surface] = {}
+    surfaces: dict[str, Surface] = {}
     for k, body in enumerate(jaw["body"].values):
         used, corner = np.unique(triangle[owner == k], return_inverse=True)
         if len(used):
-            found[str(body)] = Surface(position[used], corner.reshape(-1, 3).astype(np.int64))
-    return found
+            surfaces[str(body)] = Surface(position[used], corner.reshape(-1, 3).astype(np.int64))
+    return surfaces
 
 
 def _of_landmarks(matched: Matched | None, to_frame: Similarity) -> Similarity:
@@ -159,22 +159,22 @@ def _of_largest(own: Mapping[str, Surface], targets: Mapping[str, Surface]) -> S
 
 def moved_jaw(jaw: xr.Dataset, moved: SmoothMap) -> xr.Dataset:
     """Jaw whose points follow a map, with the axes, lengths, masses and inertias that belong to it."""
-    found = jaw.copy(deep=True)
+    result = jaw.copy(deep=True)
     for name in POINTS:
         if name in jaw:
             values = jaw[name].values
-            found[name].values[:] = moved(values.reshape(-1, 3)).reshape(values.shape)
-    _joints(jaw, found, moved)
+            result[name].values[:] = moved(values.reshape(-1, 3)).reshape(values.shape)
+    _joints(jaw, result, moved)
     before, after = (
         np.linalg.norm(np.diff(d["spring_position"].values, axis=1)[:, 0], axis=1)
-        for d in (jaw, found)
+        for d in (jaw, result)
     )
-    found["spring_rest_length"].values[:] *= after / np.where(before > 0.0, before, 1.0)
-    _masses(jaw, found, moved)
-    return found
+    result["spring_rest_length"].values[:] *= after / np.where(before > 0.0, before, 1.0)
+    _masses(jaw, result, moved)
+    return result
 
 
-def _joints(jaw: xr.Dataset, found: xr.Dataset, moved: SmoothMap) -> None:
+def _joints(jaw: xr.Dataset, after: xr.Dataset, moved: SmoothMap) -> None:
     for k, origin in enumerate(jaw["joint_origin"].values):
         F = moved.gradient(origin)
         size = np.linalg.det(F)
@@ -191,15 +191,15 @@ def _joints(jaw: xr.Dataset, found: xr.Dataset, moved: SmoothMap) -> None:
         forward = F @ jaw["joint_forward"].values[k]
         if not hinge:
             forward -= (forward @ normal) * normal
-        found["joint_normal"].values[k] = normal
-        found["joint_forward"].values[k] = forward / np.linalg.norm(forward)
+        after["joint_normal"].values[k] = normal
+        after["joint_forward"].values[k] = forward / np.linalg.norm(forward)
         powers = scale ** (1.0 - np.arange(jaw.sizes["power"]))
-        found["joint_curve"].values[k] = jaw["joint_curve"].values[k] * powers
-        found["joint_length"].values[k] = jaw["joint_length"].values[k] * scale
+        after["joint_curve"].values[k] = jaw["joint_curve"].values[k] * powers
+        after["joint_length"].values[k] = jaw["joint_length"].values[k] * scale
 
 
-def _masses(jaw: xr.Dataset, found: xr.Dataset, moved: SmoothMap) -> None:
-    before, after = surfaces_of(jaw), surfaces_of(found)
+def _masses(jaw: xr.Dataset, carried: xr.Dataset, moved: SmoothMap) -> None:
+    before, after = surfaces_of(jaw), surfaces_of(carried)
     for k, body in enumerate(jaw["body"].values):
         centre = jaw["body_centre"].values[k]
         if str(body) in before:
@@ -216,10 +216,10 @@ def _masses(jaw: xr.Dataset, found: xr.Dataset, moved: SmoothMap) -> None:
             )
         inertia = jaw["body_inertia"].values[k]
         second = ratio * A @ (0.5 * np.trace(inertia) * np.eye(3) - inertia) @ A.T
-        found["body_inertia"].values[k] = np.trace(second) * np.eye(3) - second
-        found["body_mass"].values[k] = ratio * jaw["body_mass"].values[k]
+        carried["body_inertia"].values[k] = np.trace(second) * np.eye(3) - second
+        carried["body_mass"].values[k] = ratio * jaw["body_mass"].values[k]
         if jaw["body_mass"].values[k] > 0.0:
-            found["body_centre"].values[k] = moved(centre[None])[0]
+            carried["body_centre"].values[k] = moved(centre[None])[0]
 
 
 def surface_volume(surface: Surface) -> float:
@@ -230,12 +230,12 @@ def surface_volume(surface: Surface) -> float:
 
 def _distances(
     own: Mapping[str, Surface],
-    found: xr.Dataset,
+    fitted: xr.Dataset,
     targets: Mapping[str, Surface],
     motion: Similarity,
 ) -> pd.DataFrame:
     rows: list[dict[str, Any]] = []
-    after = surfaces_of(found)
+    after = surfaces_of(fitted)
     for body, target in targets.items():
         start = Surface(motion(own[body].points), own[body].triangles)
         for stage, surface in (("similarity", start), ("fitted", after[body])):

@@ -41,28 +41,28 @@ class Carried:
 def carry(face: xr.Dataset, q: Floats) -> Carried:
     """Return the face with its nodes at q (n_nodes, 3) [m]."""
     source = face["position"].values
-    found = face.copy(deep=True)
-    found["position"].values[:] = q
+    carried = face.copy(deep=True)
+    carried["position"].values[:] = q
     if "fibre_position" in face:
-        found["fibre_position"].values[:] = inside(face, face["fibre_position"].values, q)
+        carried["fibre_position"].values[:] = inside(face, face["fibre_position"].values, q)
     F = element_gradients(face, q)[face["bundle_index"].values]
     direction = np.einsum("eij,ej->ei", F, face["bundle_direction"].values)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    found["bundle_direction"].values[:] = direction
+    carried["bundle_direction"].values[:] = direction
     if "face_marker_position" in face:
-        found["face_marker_position"].values[:] = rigid_points(
+        carried["face_marker_position"].values[:] = rigid_points(
             face, face["face_marker_position"].values, q
         )
     if "arch_position" in face:
-        nodes = Sheet.of(face, INNER).nodes
+        nodes = Sheet.from_face(face, INNER).nodes
         nodes = nodes[:: max(1, len(nodes) // CONTROLS)]
         spline = thin_plate(source[nodes], q[nodes], 0.5e-3)
-        found["arch_position"].values[:] = spline(face["arch_position"].values)
+        carried["arch_position"].values[:] = spline(face["arch_position"].values)
     if has_mouth(face):
         rim = lip_rim(face)
         corners = rim.upper[[0, -1]].astype(np.int32)
-        found["mouth_corner_node"] = ("mouth_corner", corners, {"units": "1"})
-    return Carried(found, _fibres(face, found))
+        carried["mouth_corner_node"] = ("mouth_corner", corners, {"units": "1"})
+    return Carried(carried, _fibres(face, carried))
 
 
 def inside(face: xr.Dataset, points: Floats, q: Floats) -> Floats:
@@ -86,14 +86,14 @@ def inside(face: xr.Dataset, points: Floats, q: Floats) -> Floats:
 
 def rigid_points(face: xr.Dataset, points: Floats, q: Floats) -> Floats:
     """Points (n, 3) on the skin after the motion of its nodes to q; those beyond follow a spline."""
-    source, skin = face["position"].values, Sheet.of(face, OUTER)
+    source, skin = face["position"].values, Sheet.from_face(face, OUTER)
     before = skin.at(source)
-    found = _with_surface(before, points, q)
+    result = _with_surface(before, points, q)
     beyond = before.nearest(points).distance > NEAR
     if beyond.any():
         nodes = skin.nodes[:: max(1, len(skin.nodes) // CONTROLS)]
-        found[beyond] = thin_plate(source[nodes], q[nodes], 0.5e-3)(points[beyond])
-    return found
+        result[beyond] = thin_plate(source[nodes], q[nodes], 0.5e-3)(points[beyond])
+    return result
 
 
 def _with_surface(before: Surface, points: Floats, q: Floats) -> Floats:

@@ -50,7 +50,7 @@ class Columns:
         return self.nodes[:, -1]
 
     @classmethod
-    def of(cls, face: xr.Dataset) -> "Columns":
+    def from_face(cls, face: xr.Dataset) -> "Columns":
         """Follow edges from the skin through the layers; columns that end elsewhere are omitted."""
         connectivity, layer = face["connectivity"].values, face["layer"].values
         n = face.sizes["node"]

@@ -32,7 +32,7 @@ class Corners:
     of_wedge: np.ndarray
 
     @classmethod
-    def of(cls, connectivity: Integers) -> "Corners":
+    def from_elements(cls, connectivity: Integers) -> "Corners":
         """Return those of elements (m, 8) in VTK order, wedges with -1 in the last columns."""
         wedge = is_wedge(connectivity)
         hexahedra = connectivity[~wedge][:, _HEXAHEDRON].reshape(-1, 4)

@@ -85,12 +85,17 @@ def with_course(
     notes = [f"{int(outside.sum())} points of the course were moved to the surface of the tissue"]
     courses = [_apart(c) for c in np.split(inside, len(courses))]
     radius, size = _radius(face, courses, lines, radius, volume)
-    found = _replaced(face, names.index(muscle), courses, radius)
+    replaced = _replaced(face, names.index(muscle), courses, radius)
     inputs = json.loads(str(face.attrs.get("fit_inputs", "{}")))
     inputs[f"course of {muscle}"] = f"{given.source} {given.digest}".strip()
-    found.attrs["fit_inputs"] = json.dumps(inputs)
+    replaced.attrs["fit_inputs"] = json.dumps(inputs)
     return Course(
-        check_face(found), tuple(courses), radius, size, away, tuple(notes if outside.any() else ())
+        check_face(replaced),
+        tuple(courses),
+        radius,
+        size,
+        away,
+        tuple(notes if outside.any() else ()),
     )
 
 
@@ -110,13 +115,13 @@ def with_courses(
         )
     sentences: list[str] = []
     for muscle, tracts in courses.items():
-        found = with_course(face, muscle, tracts, volume=volumes.get(muscle))
-        face = found.face
+        course = with_course(face, muscle, tracts, volume=volumes.get(muscle))
+        face = course.face
         sentences.append(
-            f"The course of {muscle} is that of its bundle, {1e3 * found.away:.1f} mm from the former "
-            f"one (median); radius {1e3 * found.radius:.1f} mm, volume {1e6 * found.volume:.2f} cm3."
+            f"The course of {muscle} is that of its bundle, {1e3 * course.away:.1f} mm from the former "
+            f"one (median); radius {1e3 * course.radius:.1f} mm, volume {1e6 * course.volume:.2f} cm3."
         )
-        sentences += [f"{muscle}: {note}." for note in found.notes]
+        sentences += [f"{muscle}: {note}." for note in course.notes]
     return face, sentences
 
 
@@ -229,18 +234,18 @@ def _replaced(face: xr.Dataset, index: int, courses: Sequence[Floats], radius: f
         name: face[name].values[other]
         for name in ("bundle_muscle", "bundle_index", "bundle_direction")
     } | {"bundle_weight": kept}
-    found = _joined(face, "bundle_element", old, new)
+    replaced = _joined(face, "bundle_element", old, new)
     keep = face["fibre_muscle"].values != index
     number = np.cumsum(keep) - 1
     points = keep[face["fibre_of_point"].values]
     owner = number[face["fibre_of_point"].values[points]]
     count = int(keep.sum())
-    found = _joined(
-        found, "fibre", {"fibre_muscle": face["fibre_muscle"].values[keep]},
+    replaced = _joined(
+        replaced, "fibre", {"fibre_muscle": face["fibre_muscle"].values[keep]},
         {"fibre_muscle": np.full(len(courses), index)},
     )  # fmt: skip
     return _joined(
-        found, "fibre_point",
+        replaced, "fibre_point",
         {"fibre_position": face["fibre_position"].values[points], "fibre_of_point": owner},
         {
             "fibre_position": np.concatenate(courses),

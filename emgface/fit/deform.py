@@ -58,11 +58,11 @@ def deform(
     *,
     noise: float = NOISE,
     progress: Progress | None = None,
-    held: Callable[[Floats], Rows] | None = None,
+    fixed_rows: Callable[[Floats], Rows] | None = None,
 ) -> Deformed:
     """Move nodes (n, 3) [m] to landmarks and surfaces without inverting any corner.
 
-    `held` returns further springs at positions, such as those of the prior of thickness.
+    `fixed_rows` returns further springs at positions, such as those of the prior of thickness.
     """
     tell = progress or (lambda what, done, total: None)
     total = 2 + (len(PULLS) if targets else 0) + ROUNDS
@@ -85,7 +85,7 @@ def deform(
         if not targets:
             return guide  # the spline follows the landmarks as closely as their noise allows
         marks = landmarks.rows(stiffness, q if has_skin else None)
-        return pulling(q, targets, pull).joined(marks, *([held(q)] if held else []))
+        return pulling(q, targets, pull).joined(marks, *([fixed_rows(q)] if fixed_rows else []))
 
     if targets:
         tissue = FitTissue.at_rest(corners, q)
@@ -122,14 +122,14 @@ def _spline(
     noise: float,
 ) -> Floats:
     """Thin-plate spline of the landmarks, and of points of the contours paired by it."""
-    of, to = landmarks.source, landmarks.target
+    source_points, to = landmarks.source, landmarks.target
 
-    def spline(of: Floats, to: Floats) -> Floats:
-        return thin_plate(of, to, noise, growth_of(of, to, noise))(source)
+    def spline(source_points: Floats, to: Floats) -> Floats:
+        return thin_plate(source_points, to, noise, growth_of(source_points, to, noise))(source)
 
-    q = spline(of, to) if len(of) >= 4 else start
+    q = spline(source_points, to) if len(source_points) >= 4 else start
     for _ in range(2):
-        points, places = [of], [to]
+        points, places = [source_points], [to]
         for target in targets:
             for pair in target.pairs(q):
                 foot, _ = along(q[pair.mine], pair.target)

@@ -40,7 +40,7 @@ class Family:
     start: Floats  #: (n,) parameters of this member [m]
 
     @classmethod
-    def of(cls, face: xr.Dataset) -> "Family | None":
+    def from_face(cls, face: xr.Dataset) -> "Family | None":
         """Family of a face; None unless its nodes are those of the generated face of its measures."""
         attrs = face.attrs
         names = [f"measure_{name}" for name in SPREAD]
@@ -71,8 +71,8 @@ class Family:
     def measures_of(self, values: Floats) -> Measures:
         """Measures of the surfaces of parameters, within their bounds."""
         surfaces = self.surfaces(values)
-        found = asdict(surfaces.measures) | surface_measures(surfaces)
-        return Measures(**{k: float(np.clip(v, *bounds(k))) for k, v in found.items()})
+        values_by_measure = asdict(surfaces.measures) | surface_measures(surfaces)
+        return Measures(**{k: float(np.clip(v, *bounds(k))) for k, v in values_by_measure.items()})
 
     def member(self, values: Floats) -> xr.Dataset:
         """Face with the measures of these parameters, or the nearest on the way to them that exists.
@@ -94,8 +94,8 @@ class Family:
             given = {"resolution": self.grid, "radius": float(attrs["muscle_radius"])}
             same = template_face(measures=self.measures, **given)
             if all(name in face and same[name].equals(face[name]) for name in same.data_vars):
-                found = template_face(measures=measures, name=str(attrs["name"]), **given)
-                return found.assign_attrs(source=attrs["source"])
+                generated = template_face(measures=measures, name=str(attrs["name"]), **given)
+                return generated.assign_attrs(source=attrs["source"])
         nodes = constructed_positions(calibrated_surfaces(measures), self.grid)
-        told = {f"measure_{name}": value for name, value in asdict(measures).items()}
-        return carry(face, nodes).face.assign_attrs(told)
+        attributes = {f"measure_{name}": value for name, value in asdict(measures).items()}
+        return carry(face, nodes).face.assign_attrs(attributes)

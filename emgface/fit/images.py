@@ -106,16 +106,16 @@ def registered_images(fixed: Any, moving: Any, start: Similarity | None = None) 
     method.SetSmoothingSigmasPerLevel([2.0, 1.0, 0.0])
     method.SetInitialTransform(first, inPlace=False)
     try:
-        found = sitk.Euler3DTransform(
+        transform = sitk.Euler3DTransform(
             sitk.CompositeTransform(method.Execute(fixed, moving)).GetNthTransform(0)
         )
     except RuntimeError as error:
         raise FitError(
             "the images could not be registered (they hardly overlap), expected a start by fiducials"
         ) from error
-    motion = _inverse(_motion(found))
+    motion = _inverse(_motion(transform))
     one = moving * 0.0 + 1.0
-    inside = sitk.Resample(one, fixed, found, sitk.sitkNearestNeighbor, 0.0)
+    inside = sitk.Resample(one, fixed, transform, sitk.sitkNearestNeighbor, 0.0)
     overlap = float(sitk.GetArrayViewFromImage(inside).mean())
     middle = 1e-3 * np.array(
         moving.TransformContinuousIndexToPhysicalPoint([n / 2 for n in moving.GetSize()])
@@ -142,11 +142,11 @@ def contour_through(values: NDArray[Any], clicks: NDArray[Any]) -> NDArray[np.in
     clicks = _in_slice(values, clicks)
     g = gaussian_gradient_magnitude(np.asarray(values, dtype=np.float64), 1.0)
     cost = 1.0 / (1.0 + g / max(float(np.quantile(g, 0.9)), 1e-12)) ** 2
-    found: list[Any] = []
+    contour: list[Any] = []
     for a, b in zip(clicks, np.roll(clicks, -1, axis=0), strict=True):
         path, _ = route_through_array(cost, a.tolist(), b.tolist(), geometric=True)
-        found.extend(path[:-1])
-    return np.array(found, dtype=np.int64)
+        contour.extend(path[:-1])
+    return np.array(contour, dtype=np.int64)
 
 
 def region_around(
@@ -185,11 +185,11 @@ def region_around(
         k, j, i = np.ogrid[tuple(slice(0, n) for n in values.shape)]
         away = (i - point[0]) ** 2 + (j - point[1]) ** 2 + (k - point[2]) ** 2
         start |= (away < VOXELS**2).astype(np.uint8)
-    found = _grown(values, start > 0, iterations)
+    region = _grown(values, start > 0, iterations)
     for _ in range(2):  # again with the mean of the surroundings alone, which others do not change
-        box = _box_around(found, int(np.ceil(NEAR / fine)))
-        found[box] = _grown(values[box], found[box], iterations)
-    parts: Any = label(found, connectivity=1)
+        box = _box_around(region, int(np.ceil(NEAR / fine)))
+        region[box] = _grown(values[box], region[box], iterations)
+    parts: Any = label(region, connectivity=1)
     last = np.array(values.shape) - 1
     chosen = {int(parts[tuple(np.minimum(np.rint(p).astype(int)[::-1], last))]) for p in seeds} - {
         0
@@ -221,10 +221,10 @@ def _grown(values: NDArray[Any], start: NDArray[np.bool_], iterations: int) -> N
 
     method: Any = morphological_chan_vese
     for _ in range(-(-iterations // 10)):
-        found = method(values, 10, init_level_set=start, smoothing=1) > 0
-        if np.array_equal(found, start):
+        grown = method(values, 10, init_level_set=start, smoothing=1) > 0
+        if np.array_equal(grown, start):
             break
-        start = found
+        start = grown
     return start
 
 
@@ -255,19 +255,19 @@ def _with_own_border(
     nearer = np.abs(v - middle) < np.abs(v - beyond)
     new = np.where(np.maximum(inside, outside) < EDGE + spacing.max(), nearer, own)
     parts: Any = label(uniform_filter(new.astype(np.float64), 3) > 0.5, connectivity=1)
-    found = mask.copy()
-    found[box] = (parts > 0) & np.isin(parts, np.unique(parts[core]))
-    return found
+    bordered = mask.copy()
+    bordered[box] = (parts > 0) & np.isin(parts, np.unique(parts[core]))
+    return bordered
 
 
 def _box_around(mask: NDArray[np.bool_], more: int) -> tuple[slice, ...]:
     """Slices of the smallest box that contains a mask, with a margin of voxels."""
-    found: list[slice] = []
+    slices: list[slice] = []
     for axis in range(mask.ndim):
         at = np.flatnonzero(mask.any(axis=tuple(k for k in range(mask.ndim) if k != axis)))
         low, high = (at[0], at[-1] + 1) if len(at) else (0, mask.shape[axis])
-        found.append(slice(max(0, int(low) - more), int(high) + more))
-    return tuple(found)
+        slices.append(slice(max(0, int(low) - more), int(high) + more))
+    return tuple(slices)
 
 
 def _by_fiducials(
@@ -315,9 +315,9 @@ def _inverse(motion: Similarity) -> Similarity:
 
 
 def _transform(motion: Similarity) -> Any:
-    found = toolkit().Euler3DTransform()
-    _keep(found, motion)
-    return found
+    transform = toolkit().Euler3DTransform()
+    _keep(transform, motion)
+    return transform
 
 
 def _keep(transform: Any, motion: Similarity) -> None:
@@ -335,17 +335,17 @@ def _motion(transform: Any) -> Similarity:
 
 
 def _in_slice(values: NDArray[Any], clicks: NDArray[Any]) -> NDArray[np.int64]:
-    found = np.rint(np.asarray(clicks, dtype=np.float64)).astype(np.int64)
-    if values.ndim != 2 or found.ndim != 2 or found.shape[1] != 2 or len(found) < 3:
+    index = np.rint(np.asarray(clicks, dtype=np.float64)).astype(np.int64)
+    if values.ndim != 2 or index.ndim != 2 or index.shape[1] != 2 or len(index) < 3:
         raise FitError(
-            f"the slice has {values.ndim} dimensions and the clicks the shape {found.shape}, expected a "
+            f"the slice has {values.ndim} dimensions and the clicks the shape {index.shape}, expected a "
             "slice (rows, columns) and at least three clicks (k, 2)"
         )
-    if (found < 0).any() or (found >= values.shape).any():
+    if (index < 0).any() or (index >= values.shape).any():
         raise FitError(
             f"a click lies outside the slice of {values.shape} pixels, expected all inside"
         )
-    return found
+    return index
 
 
 __all__ = [

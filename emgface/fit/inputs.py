@@ -53,14 +53,14 @@ def points_of_face(face: xr.Dataset) -> dict[str, Floats]:
     """Named points of a face: lip and face markers, lip margins, tips of nose and chin [m]."""
     position = face["position"].values
     rows = zip(face["marker"].values, face["marker_node"].values, strict=True)
-    found = {str(name): position[node] for name, node in rows}
+    points = {str(name): position[node] for name, node in rows}
     if "face_marker_position" in face:
         rows = zip(face["face_marker"].values, face["face_marker_position"].values, strict=True)
-        found |= {str(name): point for name, point in rows}
+        points |= {str(name): point for name, point in rows}
     if "lip_opening_node" in face:
         for lip, node in zip(face["lip"].values, face["lip_opening_node"].values, strict=True):
-            found[f"stomion_{lip}"] = position[node]
-    return found | {name: _tip(profile) for name, profile in _profiles(face).items()}
+            points[f"stomion_{lip}"] = position[node]
+    return points | {name: _tip(profile) for name, profile in _profiles(face).items()}
 
 
 def _profiles(face: xr.Dataset) -> dict[str, Floats]:
@@ -68,18 +68,18 @@ def _profiles(face: xr.Dataset) -> dict[str, Floats]:
 
     The nodes of a coarse mesh may be 8 mm from the tip of the nose.
     """
-    if family := Family.of(face):
+    if family := Family.from_face(face):
         return profiles_of_tips(family.surfaces(family.start))
     if "lip_opening_node" not in face:
         return {}
     position = face["position"].values
     mouth, nasion = position[face["lip_opening_node"].values], _point(face, "nasion")
-    middle = _midline(Sheet.of(face, OUTER).at(position), mouth.mean(axis=0), nasion)
+    middle = _midline(Sheet.from_face(face, OUTER).at(position), mouth.mean(axis=0), nasion)
     z, low, high = middle[:, 2], mouth[:, 2].min(), mouth[:, 2].max()
     top = z.max() if nasion is None else nasion[2]  # a forehead may be anterior to the nose
     nose, chin = middle[z > high + 0.2 * (top - high)], middle[z < 0.5 * (low + z.min())]
-    found = {"pronasale": _around_tip(nose, top), "pogonion": _around_tip(chin, low)}
-    return {name: part for name, part in found.items() if len(part)}
+    profiles = {"pronasale": _around_tip(nose, top), "pogonion": _around_tip(chin, low)}
+    return {name: part for name, part in profiles.items() if len(part)}
 
 
 def _around_tip(profile: Floats, top: float) -> Floats:
@@ -103,8 +103,8 @@ def _midline(skin: Surface, mouth: Floats, nasion: Floats | None) -> Floats:
     a, b = edges[(x[edges] < 0.0).sum(axis=1) == 1].T
     share = (x[a] / (x[a] - x[b]))[:, None]
     points = skin.points[a] + share * (skin.points[b] - skin.points[a])
-    found = np.unique(np.round(points, 6), axis=0)  # once where several edges meet
-    return found[np.argsort(found[:, 2])]
+    line = np.unique(np.round(points, 6), axis=0)  # once where several edges meet
+    return line[np.argsort(line[:, 2])]
 
 
 def _point(face: xr.Dataset, name: str) -> Floats | None:
@@ -193,8 +193,8 @@ def match(
             "they are from an image"
         )
     check_strays(names, source, target, given.source, noise)
-    if told := unusual_proportions(source, target, motion.rotation, given.source, noise):
-        notes.append(told)
+    if doubt := unusual_proportions(source, target, motion.rotation, given.source, noise):
+        notes.append(doubt)
     if len(names) < ENOUGH:
         notes.append(
             f"with {len(names)} landmarks, about half of the exchanges of two names remain undetected: "
@@ -207,22 +207,22 @@ def pair_points(
     face: xr.Dataset, given: Landmarks, on_face: Landmarks | None, noise: float
 ) -> Paired:
     """Pair landmarks of a person with those of a face; errors as of `match`."""
-    found = match(points_of_face(face), given, on_face, noise, "face")
-    to_face, source = found.rigid, found.source
+    matched = match(points_of_face(face), given, on_face, noise, "face")
+    to_face, source = matched.rigid, matched.source
     size, whole = (
         float(np.linalg.norm(np.ptp(x, axis=0))) for x in (source, face["position"].values)
     )
     if size < LOCAL * whole:
-        found.notes.append(
+        matched.notes.append(
             f"the landmarks span {1e3 * size:.0f} mm of a face of {1e3 * whole:.0f} mm; beyond them its "
             "shape is extrapolated: add landmarks at its borders, for example nasion, chin and temples"
         )
-    near = (skin := Sheet.of(face, OUTER).at(face["position"].values)).nearest(source)
+    near = (skin := Sheet.from_face(face, OUTER).at(face["position"].values)).nearest(source)
     points = LandmarkPoints(
-        found.names, source, to_face(found.target), skin.triangles[near.triangle], near.weights,
+        matched.names, source, to_face(matched.target), skin.triangles[near.triangle], near.weights,
         source - near.foot, near.distance <= OFF,
     )  # fmt: skip
-    return Paired(points, to_face, misfit(found.motion, source, found.target), found.notes)
+    return Paired(points, to_face, misfit(matched.motion, source, matched.target), matched.notes)
 
 
 def _check_side(source: Floats, target: Floats, motion: Similarity, name: str) -> None:

@@ -38,7 +38,7 @@ def nearer_face(
 
     `noise` is the standard deviation of a landmark [m].
     """
-    family = Family.of(face)
+    family = Family.from_face(face)
     if family is None:
         return face
     landmarks = paired.points
@@ -88,17 +88,17 @@ def _mean_square(rows: Rows, q: Floats) -> float:
     return float(np.einsum("ri,rij,rj->", r, rows.stiffness, r)) / len(r)
 
 
-def told_measures(before: xr.Dataset, after: xr.Dataset) -> list[str]:
+def changed_measures(before: xr.Dataset, after: xr.Dataset) -> list[str]:
     """Sentence with the measures that differ by more than half of their spread."""
-    told = []
+    changes = []
     for name, spread in SPREAD.items():
         a, b = (float(face.attrs[f"measure_{name}"]) for face in (before, after))
         if abs(b - a) > 0.5 * spread:
             unit = 1.0 if name == "width_asymmetry" else 1e-3
-            told.append(f"{name} {a / unit:.3g} to {b / unit:.3g}")
-    if not told:
+            changes.append(f"{name} {a / unit:.3g} to {b / unit:.3g}")
+    if not changes:
         return []
-    return [f"the measures of the generated face were fitted first [mm]: {listed(told, 32)}"]
+    return [f"the measures of the generated face were fitted first [mm]: {listed(changes, 32)}"]
 
 
 def _robust(rows: Rows, q: Floats, width: float) -> Rows:

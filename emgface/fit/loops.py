@@ -73,8 +73,8 @@ def along(points: Floats, polygon: Floats) -> tuple[Floats, Floats]:
             best = float(cost.min(axis=1).sum()), fine, cost
     assert best is not None
     _, fine, cost = best
-    found = _in_order(points, fine, cost)
-    return _between(points, fine, found), _tangents(fine)[found]
+    indices = _in_order(points, fine, cost)
+    return _between(points, fine, indices), _tangents(fine)[indices]
 
 
 def _between(points: Floats, fine: Floats, at: Integers) -> Floats:

@@ -61,13 +61,13 @@ def probe_curves_of(table: pd.DataFrame) -> dict[str, Curve]:
         raise FitError(
             f"the table has no column {listed(absent)}, expected {listed(wanted)}: rename its columns"
         )
-    found: dict[str, Curve] = {}
+    curves: dict[str, Curve] = {}
     for direction, rows in table.groupby("direction", sort=False):
-        found[str(direction)] = Curve(
+        curves[str(direction)] = Curve(
             1e-3 * pd.to_numeric(rows["displacement_mm"], errors="coerce").to_numpy(dtype=float),
             1e-3 * pd.to_numeric(rows["force_mn"], errors="coerce").to_numpy(dtype=float),
         )
-    return _checked(found)
+    return _checked(curves)
 
 
 def fit_material(

@@ -38,7 +38,7 @@ class FitTissue:
     def at_rest(cls, corners: Corners, rest: Floats) -> "FitTissue":
         """Homogeneous tissue whose rest is a configuration without inverted corner."""
         material = sim.Material(sim.NeoHooke(SHEAR), sim.LogarithmicBulk(BULK))
-        return cls._of(corners, rest, sim.Solid((material,)))
+        return cls._from_mesh(corners, rest, sim.Solid((material,)))
 
     @classmethod
     def toward_rectangles(
@@ -64,10 +64,12 @@ class FitTissue:
             for s in factors
         )
         region = (own + CLASSES * chosen).astype(np.int64)
-        return cls._of(corners, q, sim.Solid(materials, region, prestretch=A @ np.linalg.inv(W)))
+        return cls._from_mesh(
+            corners, q, sim.Solid(materials, region, prestretch=A @ np.linalg.inv(W))
+        )
 
     @classmethod
-    def _of(cls, corners: Corners, q: Floats, solid: sim.Solid) -> "FitTissue":
+    def _from_mesh(cls, corners: Corners, q: Floats, solid: sim.Solid) -> "FitTissue":
         mesh = sim.mesh_from_arrays(q, tet4=corners.nodes)
         system = sim.compile_scene(sim.Scene(mesh, terms=(solid, Springs())))
         return cls(system, sim.Workspace(system), np.ascontiguousarray(q))

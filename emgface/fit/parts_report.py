@@ -27,17 +27,17 @@ CAPTION: Final = (
 )
 
 
-def fitted_bones_page(found: FittedBones) -> FitPage:
+def fitted_bones_page(fitted: FittedBones) -> FitPage:
     """Page of a fitted jaw."""
-    distance = found.distance.rename(columns={"mean": "mean [mm]", "q95": "95 % [mm]"})
-    bodies = found.bodies.rename(
+    distance = fitted.distance.rename(columns={"mean": "mean [mm]", "q95": "95 % [mm]"})
+    bodies = fitted.bodies.rename(
         columns={"mass before": "mass before [g]", "mass after": "mass after [g]"}
     )
-    landmarks = found.landmarks.rename(columns={"error": "distance [mm]"})
-    parts = surfaces_of(found.jaw)
+    landmarks = fitted.landmarks.rename(columns={"error": "distance [mm]"})
+    parts = surfaces_of(fitted.jaw)
     return FitPage(
-        found.jaw, bones_summary(found), found.notes, "Surfaces of the bones",
-        distance_figure(parts, dict(found.targets), found.jaw.attrs["fit_of"], found.crosses),
+        fitted.jaw, bones_summary(fitted), fitted.notes, "Surfaces of the bones",
+        distance_figure(parts, dict(fitted.targets), fitted.jaw.attrs["fit_of"], fitted.crosses),
         CAPTION + " Crosses are the landmarks of the person.",
         {
             "distances": ("Distances from the surfaces", distance),
@@ -47,22 +47,22 @@ def fitted_bones_page(found: FittedBones) -> FitPage:
     )  # fmt: skip
 
 
-def bones_summary(found: FittedBones) -> list[str]:
+def bones_summary(fitted: FittedBones) -> list[str]:
     """Sentences with the main measures of a fitted jaw."""
     said = [
         f"The {row['body']} is {row['mean']:.2f} mm from its surface in the mean, 95 % within "
         f"{row['q95']:.2f} mm."
-        for row in found.distance[found.distance["stage"] == "fitted"].to_dict("records")
+        for row in fitted.distance[fitted.distance["stage"] == "fitted"].to_dict("records")
     ]
     if not said:
         said.append("Only landmarks were given: the shape between them is that of the source.")
-    if len(found.landmarks):
-        error = found.landmarks["error"]
+    if len(fitted.landmarks):
+        error = fitted.landmarks["error"]
         said.append(
             f"The landmarks are {error.median():.1f} mm from their places (median; largest "
             f"{error.max():.1f} mm)."
         )
-    without = [b for b in found.bodies["body"] if b not in set(found.distance["body"])]
+    without = [b for b in fitted.bodies["body"] if b not in set(fitted.distance["body"])]
     if without:
         said.append(
             f"No surface was given of {', '.join(without)}: they follow the smooth map of the others, "
@@ -72,49 +72,49 @@ def bones_summary(found: FittedBones) -> list[str]:
     return said
 
 
-def fitted_tongue_page(found: FittedTongue) -> FitPage:
+def fitted_tongue_page(fitted: FittedTongue) -> FitPage:
     """Page of a fitted tongue."""
-    q = found.tongue["position"].values
-    faces, _ = boundary_faces(found.tongue["connectivity"].values.astype(np.int64))
+    q = fitted.tongue["position"].values
+    faces, _ = boundary_faces(fitted.tongue["connectivity"].values.astype(np.int64))
     used, corner = np.unique(triangles(faces, q), return_inverse=True)
     own = Surface(q[used], corner.reshape(-1, 3).astype(np.int64))
-    targets = {} if found.target is None else {"tongue": found.target.surface}
-    distance = found.distance.assign(covered=100.0 * found.distance["covered"]).rename(
+    targets = {} if fitted.target is None else {"tongue": fitted.target.surface}
+    distance = fitted.distance.assign(covered=100.0 * fitted.distance["covered"]).rename(
         columns={"mean": "mean [mm]", "q95": "95 % [mm]", "largest": "largest [mm]",
                  "covered": "covered [%]"}
     )  # fmt: skip
-    fibres = found.fibres.assign(change=100.0 * found.fibres["change"]).rename(
+    fibres = fitted.fibres.assign(change=100.0 * fitted.fibres["change"]).rename(
         columns={"before": "before [mm]", "after": "after [mm]", "change": "change [%]"}
     )
     return FitPage(
-        found.tongue, tongue_summary(found), found.notes, "Surface of the tongue",
-        distance_figure({"tongue": own}, targets, found.tongue.attrs["fit_of"], None), CAPTION,
+        fitted.tongue, tongue_summary(fitted), fitted.notes, "Surface of the tongue",
+        distance_figure({"tongue": own}, targets, fitted.tongue.attrs["fit_of"], None), CAPTION,
         {
             "distances": ("Distances from the surface", distance),
-            "quality": ("Elements before and after", found.quality.reset_index()),
+            "quality": ("Elements before and after", fitted.quality.reset_index()),
             "fibres": ("Total lengths of the fibres of every muscle", fibres),
         },
     )  # fmt: skip
 
 
-def tongue_summary(found: FittedTongue) -> list[str]:
+def tongue_summary(fitted: FittedTongue) -> list[str]:
     """Sentences with the main measures of a fitted tongue."""
     said: list[str] = []
-    for row in found.distance[found.distance["stage"] == "fitted"].to_dict("records"):
+    for row in fitted.distance[fitted.distance["stage"] == "fitted"].to_dict("records"):
         said.append(
             f"The tongue is {row['mean']:.2f} mm from its surface in the mean, 95 % within "
             f"{row['q95']:.2f} mm."
         )
     if not said:
         said.append("No surface was given: the bones alone carried the tongue.")
-    smallest = found.quality.loc["smallest scaled Jacobian of hexahedra"]
+    smallest = fitted.quality.loc["smallest scaled Jacobian of hexahedra"]
     said.append(
         f"No corner of an element is inverted; the smallest scaled Jacobian of the hexahedra is "
         f"{smallest['after']:.3f} (before {smallest['before']:.3f})."
     )
-    changed = int((np.abs(found.fibres["change"]) > CHANGED).sum())
+    changed = int((np.abs(fitted.fibres["change"]) > CHANGED).sum())
     said.append(
-        f"The fibres of {changed} of {len(found.fibres)} muscles changed their length by more than "
+        f"The fibres of {changed} of {len(fitted.fibres)} muscles changed their length by more than "
         f"{CHANGED:.0%}; largest forces are those of the source."
     )
     return said

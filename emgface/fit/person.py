@@ -26,7 +26,7 @@ from emgface.fit.inputs import (
     pair_points,
     provenance,
 )
-from emgface.fit.likeness import nearer_face, told_measures
+from emgface.fit.likeness import changed_measures, nearer_face
 from emgface.fit.measures import distances, quality_rows
 from emgface.fit.places import (
     check_landmarks_off,
@@ -131,12 +131,12 @@ def fit_face(
         except FitError:
             pass  # few landmarks may lie in one plane of the face with these measures: keep the other
         else:
-            notes += told_measures(face, nearer)
+            notes += changed_measures(face, nearer)
             face, paired = nearer, again
             targets, _ = _targets(face, scans, paired, rim)
     source = face["position"].values
-    corners = Corners.of(face["connectivity"].values.astype(np.int64))
-    columns = Columns.of(face)
+    corners = Corners.from_elements(face["connectivity"].values.astype(np.int64))
+    columns = Columns.from_face(face)
     prior = _prior(columns, source, paired, targets, thickness)
     area = sheets(face)["skin"].at(source).point_areas
 
@@ -146,7 +146,7 @@ def fit_face(
 
     result = deform(
         source, corners, paired.points, targets, noise=noise, progress=progress,
-        held=thick if prior is not None and targets else None,
+        fixed_rows=thick if prior is not None and targets else None,
     )  # fmt: skip
     depth = SPREAD * float(np.median(columns.thickness(source)))
     unexpected = [
@@ -159,24 +159,24 @@ def fit_face(
     distance = _distances(face, targets, result)
     marked = _landmark_table(paired, source, result, noise)
     missed = missed_landmarks(paired.points.names, 1e-3 * marked["error"].to_numpy(), noise)
-    told = [doubt for doubt in (*unexpected, missed) if doubt] + _small(distance, scans)
-    notes += told
+    sentences_on_fit = [doubt for doubt in (*unexpected, missed) if doubt] + _small(distance, scans)
+    notes += sentences_on_fit
     carried = carry(face, result.position)
     inputs = {"landmarks": marks, **scans}
-    found = carried.face.assign_attrs(provenance(face, name, inputs, paired.to_face, simulated))
+    fitted = carried.face.assign_attrs(provenance(face, name, inputs, paired.to_face, simulated))
     if thickness:
-        found.attrs["fit_thickness_deviation"] = float(thickness)
-    found.attrs.pop("muscle_radius", None)
+        fitted.attrs["fit_thickness_deviation"] = float(thickness)
+    fitted.attrs.pop("muscle_radius", None)
     _check_corners(corners, result.position)
-    _check_fitted(found, (*doubts, *told))
-    found, sentences = with_courses(found, courses or {}, volumes)
+    _check_fitted(fitted, (*doubts, *sentences_on_fit))
+    fitted, sentences = with_courses(fitted, courses or {}, volumes)
     notes += sentences
     _check_distances(distance, scans)
     return Fitted(
-        found, face, tuple(targets), marked, distance,
-        quality_rows(face, found), carried.fibres,
+        fitted, face, tuple(targets), marked, distance,
+        quality_rows(face, fitted), carried.fibres,
         _thickness_table(columns, source, result.position, prior), prior, tuple(notes), result,
-        (*doubts, *told),
+        (*doubts, *sentences_on_fit),
     )  # fmt: skip
 
 
@@ -213,10 +213,10 @@ def _prior(
     return ThicknessPrior.scaled(columns, source, scale, determined, thickness)
 
 
-def _check_fitted(found: xr.Dataset, doubts: tuple[str, ...]) -> None:
+def _check_fitted(fitted: xr.Dataset, doubts: tuple[str, ...]) -> None:
     """Refuse a fitted mesh that is not valid, with the doubts about its inputs as the reason."""
     try:
-        check_face(found)
+        check_face(fitted)
     except FaceError as error:
         why = "; ".join(doubts) or "the inputs are too far from the shape of a face"
         raise FitError(
@@ -287,8 +287,8 @@ def _targets(
     for kind, scan in scans.items():
         surface = in_face_frame(scan, paired.to_face)
         sheet = own["skin" if kind == "skin" else "inner"]
-        held = sheet.nodes[face["fixed"].values[sheet.nodes] != FREE]
-        nodes, side = (held, -1.0) if kind == "bone" else (sheet.nodes, 1.0)
+        attached = sheet.nodes[face["fixed"].values[sheet.nodes] != FREE]
+        nodes, side = (attached, -1.0) if kind == "bone" else (sheet.nodes, 1.0)
         surface, turned = facing(surface, sheet.at(start), nodes, side, scan.source)
         if turned:
             notes[kind] = turned
@@ -298,7 +298,7 @@ def _targets(
         if hidden:
             left = f"{hidden:.0%} of {scan.source} lies beneath its outer layer and was left out"
             notes[kind] = f"{left}; {turned}" if turned else left
-        only = held if kind == "bone" else None
+        only = attached if kind == "bone" else None
         targets.append(Target(kind, sheet, surface, only, side, rim, not hidden))
     return targets, notes
 
@@ -350,8 +350,8 @@ def _landmark_table(paired: Paired, source: Floats, result: Deformed, noise: flo
 def _thickness_table(
     columns: Columns, source: Floats, q: Floats, prior: ThicknessPrior | None
 ) -> pd.DataFrame:
-    found = 1e3 * columns.thickness(q)
-    low, high = found.copy(), found.copy()
+    thickness = 1e3 * columns.thickness(q)
+    low, high = thickness.copy(), thickness.copy()
     if prior is not None:
         a, b = prior.interval()
         ratio = columns.thickness(q) / prior.wanted
@@ -359,5 +359,5 @@ def _thickness_table(
         high[prior.free] = 1e3 * (ratio * b)[prior.free]
     return pd.DataFrame(
         {"node": columns.skin, "inner_node": columns.inner,
-         "before": 1e3 * columns.thickness(source), "after": found, "low": low, "high": high}
+         "before": 1e3 * columns.thickness(source), "after": thickness, "low": low, "high": high}
     )  # fmt: skip

@@ -98,6 +98,6 @@ def distance_at(surface: Surface, q: Floats) -> Floats:
 
 
 def _at_nodes(node: Any, value: Any, n: int) -> Floats:
-    found = np.full(n, np.nan)
-    found[np.asarray(node)] = np.asarray(value)
-    return found
+    values = np.full(n, np.nan)
+    values[np.asarray(node)] = np.asarray(value)
+    return values

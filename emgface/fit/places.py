@@ -26,7 +26,9 @@ from emgface.fit.strays import CLICK, PROPORTION, STRAY, spread_of_spline
 from emgface.fit.targets import LandmarkPoints, Target
 from emgface.fit.triangulated import Floats, Surface
 
-BESIDE: Final = 2.0  #: largest distance of landmarks from the skin without a doubt, in deviations
+NEAR_SKIN: Final = (
+    2.0  #: largest distance of landmarks from the skin without a doubt, in deviations
+)
 BENEATH: Final = 2e-3  #: smallest distance of the landmarks from bone or an inner surface [m]
 CHANCE: Final = 1e-3  #: probability that landmarks of one pose are doubted [1]
 LARGE: Final = 0.1  #: area of a part of a surface, relative to the largest, that may be a layer [1]
@@ -84,7 +86,7 @@ def check_landmarks_on(
             f"common motion by about {1e3 * size:.2g} mm: check whether they are of the same scan and "
             "pose"
         )
-    if miss <= (limit := BESIDE * sigma):
+    if miss <= (limit := NEAR_SKIN * sigma):
         return None
     return (
         f"the landmarks lie {1e3 * miss:.2g} mm rms from {name}, expected at most {1e3 * limit:.2g} mm "
@@ -163,7 +165,7 @@ def implausible_thickness(
     with the deviation `SPREAD` of its logarithm. The median over the nodes nearest to a landmark is
     judged by the limit for proportions: two surfaces of different persons may each be sound.
     """
-    columns, source = Columns.of(face), face["position"].values
+    columns, source = Columns.from_face(face), face["position"].values
     motion = similarity(points.source, points.target)
     node, bottom = columns.skin, columns.inner
     expected = beneath.sheet.at(source).nearest(source[node]).distance * motion.scale
@@ -174,7 +176,7 @@ def implausible_thickness(
     own = beneath.sheet.nodes if beneath.only is None else beneath.only
     use = np.isin(bottom, own) & ~skin.at_border(over) & ~beneath.surface.at_border(under)
     owner = cdist(points.source, source[node]).argmin(axis=0)
-    worst, told = PROPORTION * SPREAD, None
+    worst, evidence = PROPORTION * SPREAD, None
     for k in np.unique(owner[use]).tolist():
         here = use & (owner == k)
         if here.sum() < REGION:
@@ -182,10 +184,10 @@ def implausible_thickness(
         there, wanted = float(np.median(depth[here])), float(np.median(expected[here]))
         off = abs(np.log(max(there, THINNEST) / wanted))
         if off > worst:
-            worst, told = off, (points.names[k], there, wanted)
-    if told is None:
+            worst, evidence = off, (points.names[k], there, wanted)
+    if evidence is None:
         return None
-    landmark, there, wanted = told
+    landmark, there, wanted = evidence
     least, most = (1e3 * wanted * np.exp(s * PROPORTION * SPREAD) for s in (-1.0, 1.0))
     return (
         f"{name} lies {1e3 * there:.1f} mm beneath the skin around landmark {landmark}, expected "
@@ -225,11 +227,11 @@ def missed_landmarks(names: Sequence[str], miss: Floats, noise: float) -> str | 
     far = [k for k in np.argsort(-np.nan_to_num(miss)) if miss[k] > limit]
     if not far:
         return None
-    told = ", ".join(f"{names[k]} {1e3 * miss[k]:.1f} mm" for k in far[:3])
+    named = ", ".join(f"{names[k]} {1e3 * miss[k]:.1f} mm" for k in far[:3])
     return (
         f"the fitted face misses {len(far)} of {int(np.isfinite(miss).sum())} landmarks by more than "
-        f"{1e3 * limit:.1f} mm ({told}): look at the report there, whether the landmark or the surface "
-        "beside it is wrong (holes, folds, a second layer)"
+        f"{1e3 * limit:.1f} mm ({named}): look at the report there, whether the landmark or the surface "
+        "next to it is wrong (holes, folds, a second layer)"
     )
 
 

@@ -99,17 +99,17 @@ def _forces(
         )
     )  # fmt: skip
     state, work, control = system.rest_state(), sim.Workspace(system), system.control(np.zeros(0))
-    found, k = np.empty(len(path)), 0
+    forces, k = np.empty(len(path)), 0
     try:
         for k in range(1, len(path)):
             state, _ = BALANCE.step(system, state, control, 1.0, work)
-            found[k] = -(system.force(state.q, control).f[grid.probe] @ along).sum()
+            forces[k] = -(system.force(state.q, control).f[grid.probe] @ along).sum()
     except sim.SimulationError as error:
         raise FitError(
             f"the tissue under the probe has no equilibrium at {1e3 * path[k]:.3g} mm ({error}), "
             "expected smaller displacements or a stiffer law"
         ) from error
-    return found[wanted]
+    return forces[wanted]
 
 
 def _grid(block: Block) -> _Grid:

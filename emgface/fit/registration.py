@@ -54,7 +54,7 @@ def closest_points(
     for _ in range(ITERATIONS):
         p, n = now(points), normals @ now.rotation.T
         near = target.nearest(p, n)
-        use = near.found & ~target.at_border(near)
+        use = near.agrees & ~target.at_border(near)
         if use.sum() < 0.2 * len(points):
             raise FitError(
                 f"{use.mean():.0%} of a surface are near the other with an agreeing normal, expected at "
@@ -101,14 +101,14 @@ class SmoothMap:
 
     def __call__(self, points: Floats) -> Floats:
         """Mapped points."""
-        found = self.similarity(points)
-        return found if self.deviation is None else found + self.deviation(points)
+        mapped = self.similarity(points)
+        return mapped if self.deviation is None else mapped + self.deviation(points)
 
     def gradient(self, point: Floats, width: float = 5e-3) -> Floats:
         """Gradient (3, 3) at a point, by differences over `width` [m]."""
         ends = point + width * np.concatenate([np.eye(3), -np.eye(3)])
-        found = self(ends)
-        return np.asarray((found[:3] - found[3:]).T / (2.0 * width))
+        mapped = self(ends)
+        return np.asarray((mapped[:3] - mapped[3:]).T / (2.0 * width))
 
 
 def smooth_map(
@@ -121,11 +121,11 @@ def smooth_map(
     `marks` are landmarks (n, 3), their targets, and their standard deviation [m]. A point over a hole
     of its target, or several times as far from it as the others, is not paired.
     """
-    found = SmoothMap(motion)
+    mapping = SmoothMap(motion)
     for noise in ROUNDS:
         source, target, spread = [], [], []
         for moving, aim in pairs:
-            own = Surface(found(moving.points), moving.triangles)
+            own = Surface(mapping(moving.points), moving.triangles)
             pick = np.arange(0, len(moving.points), max(1, len(moving.points) // CONTROLS))
             near = aim.nearest(own.points[pick], own.point_normals[pick])
             use = _paired(near, aim)
@@ -143,14 +143,14 @@ def smooth_map(
             source.append(marks[0])
             target.append(marks[1])
             spread.append(np.full(len(marks[0]), marks[2]))
-        found = SmoothMap.through(
+        mapping = SmoothMap.through(
             motion, np.concatenate(source), np.concatenate(target), np.concatenate(spread)
         )
-    return found
+    return mapping
 
 
 def _paired(near: Nearest, aim: Surface) -> np.ndarray:
-    use = near.found & ~aim.at_border(near)
+    use = near.agrees & ~aim.at_border(near)
     if use.any():
         use &= near.distance <= 4.0 * np.median(near.distance[use]) + 0.5e-3
     return use

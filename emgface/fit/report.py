@@ -65,13 +65,13 @@ def fitted_face_page(fitted: Fitted) -> FitPage:
 
 def render_fit(page: FitPage) -> str:
     """Render the page."""
-    told = page.model.attrs
-    inputs = json.loads(told["fit_inputs"])
+    attributes = page.model.attrs
+    inputs = json.loads(attributes["fit_inputs"])
     sources = pd.DataFrame({"input": list(inputs), "file and SHA-256": list(inputs.values())})
     tables = {**page.tables, "provenance": ("Provenance", sources)}
     values: dict[str, Any] = {
-        "title": str(told["name"]),
-        "origin": str(told["fit_of"]),
+        "title": str(attributes["name"]),
+        "origin": str(attributes["fit_of"]),
         "summary": list(page.summary),
         "notes": list(page.notes),
         "shown": page.title,

@@ -122,12 +122,12 @@ def ending_of_labels(path: str | os.PathLike[str]) -> str:
     return ending
 
 
-def write_labels(found: Segmented, path: str | os.PathLike[str]) -> Path:
+def write_labels(result: Segmented, path: str | os.PathLike[str]) -> Path:
     """Write the labels in the geometry of the image; FitError for an ending that volumes do not have."""
     path, ending = Path(path), ending_of_labels(path)
     sitk = toolkit()
-    volume = sitk.GetImageFromArray(found.labels)
-    volume.CopyInformation(found.image)
+    volume = sitk.GetImageFromArray(result.labels)
+    volume.CopyInformation(result.image)
 
     with TemporaryDirectory() as folder:  # the format follows from the ending
         made = Path(folder, "labels").with_suffix(ending)
@@ -137,22 +137,22 @@ def write_labels(found: Segmented, path: str | os.PathLike[str]) -> Path:
 
 
 @styled
-def segmentation_figure(found: Segmented) -> Figure:
+def segmentation_figure(result: Segmented) -> Figure:
     """Draw, for every part, the three slices through its middle click, with the outline of the part."""
     sitk = toolkit()
-    values = sitk.GetArrayViewFromImage(found.image)
-    spacing = found.image.GetSpacing()
-    figure = blank(7.2, 2.4 * len(found.clicks))
-    axes = grid(figure, len(found.clicks), 3)
-    label_of = dict(zip(found.table["part"].tolist(), found.table["label"].tolist(), strict=True))
+    values = sitk.GetArrayViewFromImage(result.image)
+    spacing = result.image.GetSpacing()
+    figure = blank(7.2, 2.4 * len(result.clicks))
+    axes = grid(figure, len(result.clicks), 3)
+    label_of = dict(zip(result.table["part"].tolist(), result.table["label"].tolist(), strict=True))
     low, high = np.quantile(values, (0.01, 0.995))
-    for row, (part, points) in zip(axes, found.clicks.items(), strict=True):
+    for row, (part, points) in zip(axes, result.clicks.items(), strict=True):
         label = label_of[part]
         middle = points[len(points) // 2]
         i, j, k = (
-            round(x) for x in found.image.TransformPhysicalPointToContinuousIndex(1e3 * middle)
+            round(x) for x in result.image.TransformPhysicalPointToContinuousIndex(1e3 * middle)
         )
-        mask = found.labels == label
+        mask = result.labels == label
         for axis, (cut, names, sizes) in zip(
             row,
             (
@@ -185,14 +185,14 @@ def _check_parts(parts: Mapping[str, int]) -> None:
 
 def _clicks(marks: Any, parts: Mapping[str, int]) -> dict[str, Floats]:
     """Points by part; every point belongs to the part with the longest fitting name."""
-    found: dict[str, list[Any]] = {part: [] for part in parts}
+    clicks: dict[str, list[Any]] = {part: [] for part in parts}
     stray: list[str] = []
     for name, point in zip(marks.names, marks.position, strict=True):
         own = [
             p for p in parts if plain(name) == plain(p) or plain(name).startswith(f"{plain(p)}_")
         ]
         if own:
-            found[max(own, key=len)].append(point)
+            clicks[max(own, key=len)].append(point)
         else:
             stray.append(name)
     if stray:
@@ -200,12 +200,12 @@ def _clicks(marks: Any, parts: Mapping[str, int]) -> dict[str, Floats]:
             f"{marks.source} has points of no part: {listed(stray[:5])}, expected names that begin with "
             f"{listed(parts)}: rename them, or give the part a label"
         )
-    if empty := [part for part, points in found.items() if not points]:
+    if empty := [part for part, points in clicks.items() if not points]:
         raise FitError(
             f"{marks.source} has no click in {listed(empty)}, expected at least one, named as "
             f"'{empty[0]} 1'"
         )
-    return {part: np.array(points, dtype=np.float64) for part, points in found.items()}
+    return {part: np.array(points, dtype=np.float64) for part, points in clicks.items()}
 
 
 def _labels(

@@ -210,9 +210,9 @@ def check_sides(names: Sequence[str], source: Floats, target: Floats, given: str
         if after < best:
             best, wrong = after, some
     if wrong and best < SIDES * before:
-        told = listed(f"{names[i]} and {names[j]}" for i, j in wrong)
+        exchanged = listed(f"{names[i]} and {names[j]}" for i, j in wrong)
         raise FitError(
-            f"{given}: the sides of {told} seem to be exchanged: with their names corrected, the "
+            f"{given}: the sides of {exchanged} seem to be exchanged: with their names corrected, the "
             f"landmarks fit to {1e3 * best:.3g} mm rms instead of {1e3 * before:.3g} mm; exchange their "
             "names"
         )

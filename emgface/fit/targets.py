@@ -29,7 +29,7 @@ class Sheet:
     loops: tuple[Integers, ...]  #: contours: rim of the face, eyes, nostrils, mouth
 
     @classmethod
-    def of(cls, face: xr.Dataset, layer: int) -> "Sheet":
+    def from_face(cls, face: xr.Dataset, layer: int) -> "Sheet":
         """Return the skin (`OUTER`) or the inner surface (`INNER`) of a face."""
         nodes = sheet_nodes(face, layer)
         faces, _ = faces_among(face["connectivity"].values.astype(np.int64), nodes)
@@ -44,7 +44,7 @@ class Sheet:
 
 def sheets(face: xr.Dataset) -> dict[str, Sheet]:
     """Skin and inner surface of a face by name."""
-    return {"skin": Sheet.of(face, OUTER), "inner": Sheet.of(face, INNER)}
+    return {"skin": Sheet.from_face(face, OUTER), "inner": Sheet.from_face(face, INNER)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +125,7 @@ def pulling(q: Floats, targets: Sequence[Target], pull: Pull) -> Rows:
 def _of_target(q: Floats, target: Target, pull: Pull) -> list[Rows]:
     moving = target.sheet.at(q)
     pairs = target.pairs(q)
-    found = [_to_surface(q, moving, target, pairs, pull)]
+    rows = [_to_surface(q, moving, target, pairs, pull)]
     for pair in pairs:
         foot, tangent = along(q[pair.mine], pair.target)
         foot = _on_polygon(foot, pair.target)
@@ -133,10 +133,10 @@ def _of_target(q: Floats, target: Target, pull: Pull) -> list[Rows]:
         W = across(
             0.5 * LOOP_BAND * (step + np.roll(step, 1)), tangent, pull.stiffness, pull.along_curve
         )
-        found.append(at_nodes(pair.mine, foot, W))
+        rows.append(at_nodes(pair.mine, foot, W))
     if target.only is None and pull.back > 0.0:
-        found.append(_from_surface(moving, target, pull))
-    return found
+        rows.append(_from_surface(moving, target, pull))
+    return rows
 
 
 def _to_surface(
@@ -148,7 +148,7 @@ def _to_surface(
     nodes = np.setdiff1d(nodes, np.concatenate([np.zeros(0, dtype=np.int64), *on_curve]))
     surface = target.surface
     near = surface.nearest(q[nodes], target.side * moving.point_normals[nodes])
-    use = near.found & ~surface.at_border(near)
+    use = near.agrees & ~surface.at_border(near)
     corner = surface.point_normals[surface.triangles[near.triangle]]
     normal = corner.mean(axis=1)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
@@ -170,7 +170,7 @@ def _from_surface(moving: Surface, target: Target, pull: Pull) -> Rows:
     # chords lie within an arc in proportion to the square of their lengths
     own = moving.areas[near.triangle]
     finer = np.maximum(own - target.surface.areas[owner[pick]], 0.0) * np.sqrt(2.0 / own)
-    use = near.found & ~moving.at_open_edge[near.triangle] & (near.distance >= pull.beyond * finer)
+    use = near.agrees & ~moving.at_open_edge[near.triangle] & (near.distance >= pull.beyond * finer)
     share = np.full(len(pick), pull.back * target.surface.areas.sum() / len(pick))
     W = along_normal(share, normal, pull.stiffness, pull.tangential)
     nodes = moving.triangles[near.triangle]

@@ -71,11 +71,11 @@ def fit_tongue(
     tell("bones", 0, 1 + len(PULLS))
     X, moved = tongue["position"].values, _map_of_bones(before, after)
     tissue = FitTissue.at_rest(
-        Corners.of(tongue["connectivity"].values.astype(np.int64)), moved.similarity(X)
+        Corners.from_elements(tongue["connectivity"].values.astype(np.int64)), moved.similarity(X)
     )
-    held = tongue["attachment_node"].values.astype(np.int64)
+    attached = tongue["attachment_node"].values.astype(np.int64)
     stiffness = np.full(len(X), TO_SPLINE)
-    stiffness[held] = WITH_BONE
+    stiffness[attached] = WITH_BONE
     q = tissue.settle(_springs(np.arange(len(X)), moved(X), stiffness), FINE)
     inputs: dict[str, Scan | None] = {}
     target, rows, notes = None, list[dict[str, Any]](), list[str]()
@@ -83,8 +83,10 @@ def fit_tongue(
         inputs["tongue"] = scan = scan_of(surface, unit, "tongue")
         target, notes = _target(tongue, q, scan, frame_of_inputs(after))
         rows.append({"stage": "with the bones", **distances(target, q)})
-        with_bone = _springs(held, moved(X[held]), np.full(len(held), WITH_BONE))
-        tissue = FitTissue.at_rest(Corners.of(tongue["connectivity"].values.astype(np.int64)), q)
+        with_bone = _springs(attached, moved(X[attached]), np.full(len(attached), WITH_BONE))
+        tissue = FitTissue.at_rest(
+            Corners.from_elements(tongue["connectivity"].values.astype(np.int64)), q
+        )
         q = pull_to(
             tissue,
             lambda q, pull: pulling(q, [target], pull).joined(with_bone),
@@ -92,16 +94,16 @@ def fit_tongue(
         )
         rows.append({"stage": "fitted", **distances(target, q)})
         _check(rows[-1]["mean"], scan.source)
-    found = _carried(tongue, q, moved)
+    fitted = _carried(tongue, q, moved)
     simulated = after.attrs["fit_of"] == "simulated"
     attributes = provenance(tongue, name, inputs, frame_of_inputs(after), simulated)
-    told = {"jaw": str(after.attrs["fit_inputs"]), **json.loads(attributes["fit_inputs"])}
-    found = found.assign_attrs(attributes | {"fit_inputs": json.dumps(told)})
+    fit_inputs = {"jaw": str(after.attrs["fit_inputs"]), **json.loads(attributes["fit_inputs"])}
+    fitted = fitted.assign_attrs(attributes | {"fit_inputs": json.dumps(fit_inputs)})
     tell("fit to the surface", 1 + len(PULLS), 1 + len(PULLS))
     return FittedTongue(
-        check_tongue(found), tongue, target,
+        check_tongue(fitted), tongue, target,
         pd.DataFrame(rows, columns=["stage", "mean", "q95", "largest", "covered"]),
-        quality_rows(tongue, found), _muscles(tongue, found), tuple(notes),
+        quality_rows(tongue, fitted), _muscles(tongue, fitted), tuple(notes),
     )  # fmt: skip
 
 
@@ -137,13 +139,13 @@ def _muscles(before: xr.Dataset, after: xr.Dataset) -> pd.DataFrame:
     """Total lengths of the fibres of every muscle [mm]."""
     owner = before["fibre_of_point"].values
     same = owner[1:] == owner[:-1]
-    found = {
+    lengths_by_stage = {
         "before": before["fibre_position"].values, "after": after["fibre_position"].values
     }  # fmt: skip
     names = [str(m) for m in before["muscle"].values]
     muscle = before["fibre_muscle"].values[owner[:-1]]
     table: dict[str, Any] = {"muscle": names}
-    for stage, points in found.items():
+    for stage, points in lengths_by_stage.items():
         length = np.where(same, np.linalg.norm(np.diff(points, axis=0), axis=1), 0.0)
         table[stage] = 1e3 * np.bincount(muscle, length, minlength=len(names))
     lengths = pd.DataFrame(table)
@@ -169,9 +171,9 @@ def _springs(nodes: np.ndarray, target: Floats, stiffness: Floats) -> Rows:
 
 def _carried(tongue: xr.Dataset, q: Floats, moved: SmoothMap) -> xr.Dataset:
     """Tongue with its nodes at q; points of fibres follow their node, or the bones and the tissue."""
-    found = tongue.copy(deep=True)
+    result = tongue.copy(deep=True)
     X = tongue["position"].values
-    found["position"].values[:] = q
+    result["position"].values[:] = q
     points = moved(tongue["fibre_position"].values)
     pick = np.arange(0, len(X), max(1, len(X) // (2 * CONTROLS)))
     motion = similarity(X, q)
@@ -183,13 +185,13 @@ def _carried(tongue: xr.Dataset, q: Floats, moved: SmoothMap) -> xr.Dataset:
     if "fibre_node" in tongue:
         node = tongue["fibre_node"].values
         points[node >= 0] = q[node[node >= 0]]
-    found["fibre_position"].values[:] = points
+    result["fibre_position"].values[:] = points
     F = element_gradients(tongue, q)[tongue["bundle_index"].values]
     direction = np.einsum("eij,ej->ei", F, tongue["bundle_direction"].values)
-    found["bundle_direction"].values[:] = direction / np.linalg.norm(
+    result["bundle_direction"].values[:] = direction / np.linalg.norm(
         direction, axis=1, keepdims=True
     )
     if "posture_displacement" in tongue:
         turned = tongue["posture_displacement"].values @ motion.rotation.T
-        found["posture_displacement"].values[:] = motion.scale * turned
-    return found
+        result["posture_displacement"].values[:] = motion.scale * turned
+    return result

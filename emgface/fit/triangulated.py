@@ -81,9 +81,9 @@ class Surface:
     @cached_property
     def at_open_edge(self) -> NDArray[np.bool_]:
         """Triangles with an edge of their own (m,)."""
-        found = np.zeros(len(self.triangles), dtype=bool)
-        found[self._edges[1][self._alone]] = True
-        return found
+        mask = np.zeros(len(self.triangles), dtype=bool)
+        mask[self._edges[1][self._alone]] = True
+        return mask
 
     @cached_property
     def loops(self) -> tuple[Integers, ...]:
@@ -91,7 +91,7 @@ class Surface:
         following: dict[int, list[int]] = {}
         for a, b in self.open_edges.tolist():
             following.setdefault(a, []).append(b)
-        found: list[Integers] = []
+        closed: list[Integers] = []
         while following:
             start = next(iter(following))
             loop, here = [start], _next(following, start)
@@ -99,8 +99,8 @@ class Surface:
                 loop.append(here)
                 here = _next(following, here)
             if here == start and len(loop) > 2:
-                found.append(np.array(loop, dtype=np.int64))
-        return tuple(sorted(found, key=len, reverse=True))
+                closed.append(np.array(loop, dtype=np.int64))
+        return tuple(sorted(closed, key=len, reverse=True))
 
     @cached_property
     def samples(self) -> tuple[Floats, Integers, Floats]:
@@ -147,10 +147,10 @@ class Surface:
         k = CANDIDATES if normals is None else wide
         _, index = self.tree.query(points, k=min(k, len(owner)))
         candidates = owner[np.asarray(index).reshape(len(points), -1)]
-        found = np.ones(len(points), dtype=bool)
+        agreeing = np.ones(len(points), dtype=bool)
         if normals is not None:
             agree = np.einsum("pki,pi->pk", self.normals[candidates], normals) > cosine
-            found = agree.any(axis=1)
+            agreeing = agree.any(axis=1)
             # the first agreeing candidates replace the others
             order = np.argsort(~agree, axis=1, kind="stable")[:, :CANDIDATES]
             candidates = np.take_along_axis(candidates, order, axis=1)
@@ -164,7 +164,7 @@ class Surface:
         best = distance.argmin(axis=1)
         at = np.arange(len(points)) * candidates.shape[1] + best
         triangle = candidates.ravel()[at]
-        return Nearest(foot[at], distance.ravel()[at], triangle, weights[at], found)
+        return Nearest(foot[at], distance.ravel()[at], triangle, weights[at], agreeing)
 
     def at_border(self, nearest: "Nearest") -> NDArray[np.bool_]:
         """Test which nearest points lie on an open edge of the surface."""
@@ -188,7 +188,7 @@ class Nearest:
     distance: Floats  #: (n,) [m]
     triangle: Integers  #: (n,)
     weights: Floats  #: (n, 3) barycentric coordinates [1]
-    found: NDArray[np.bool_]  #: (n,) False if no triangle near has an agreeing normal
+    agrees: NDArray[np.bool_]  #: (n,) False if no triangle near has an agreeing normal
 
 
 def barycentric_nearest(points: Floats, corners: Floats) -> Floats:

@@ -65,18 +65,18 @@ def drawn_together(
     TreatmentError, with the share of the gap that could be closed, if a step of the path fails.
     """
     groups = np.bincount(same, minlength=len(same))
-    held = np.flatnonzero(groups[same] > 1)
+    prescribed = np.flatnonzero(groups[same] > 1)
     X = scene.mesh.X
     middle = np.zeros_like(X)
     np.add.at(middle, same, X if aim is None else aim)
     middle /= np.maximum(groups, 1)[:, None]
     target = X.copy()
-    target[held] = middle[same[held]]
-    if not len(held) or np.array_equal(target, X):
+    target[prescribed] = middle[same[prescribed]]
+    if not len(prescribed) or np.array_equal(target, X):
         return X.copy()
     widest = 2.0 * float(np.linalg.norm(target - X, axis=1).max())
     system = sim.compile_scene(
-        replace(scene, reductions=(*scene.reductions, sim.Fixed(held)), damping=None)
+        replace(scene, reductions=(*scene.reductions, sim.Fixed(prescribed)), damping=None)
     )
     state, work, done = system.rest_state(), sim.Workspace(system), 0
     for k in range(1, steps + 1):

@@ -71,9 +71,9 @@ def columns_of(face: xr.Dataset, near: NDArray[np.bool_] | None = None) -> Tissu
     if near is not None:
         mine &= near[faces].all(axis=1)
     faces, owner = faces[mine], owner[mine]
-    every, of = element_faces(connectivity)
+    every, owners = element_faces(connectivity)
     sharing: dict[frozenset[int], list[int]] = {}
-    for row, element in zip(every.tolist(), of.tolist(), strict=True):
+    for row, element in zip(every.tolist(), owners.tolist(), strict=True):
         sharing.setdefault(frozenset(row), []).append(element)
     wedge = is_wedge(connectivity)
     corners: list[list[int]] = []

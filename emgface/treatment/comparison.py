@@ -46,8 +46,8 @@ class FaceComparison:
     def __repr__(self) -> str:
         """Return the outcomes, with what they are of."""
         names = [str(face.attrs["name"]) for face in (self.intact, self.treated)]
-        told = f"{names[0]} and {names[1]}, simulated; {NOT_VALIDATED}"
-        return f"{told}\n{self.outcomes.round(3).to_string(index=False)}"
+        heading = f"{names[0]} and {names[1]}, simulated; {NOT_VALIDATED}"
+        return f"{heading}\n{self.outcomes.round(3).to_string(index=False)}"
 
     def page(self, *, plain: bool = False) -> str:
         """Return the page with both faces (HTML); `plain` omits the terms of the field."""
@@ -89,8 +89,8 @@ def compare_faces(
     activations, source = gestures(intact), "The activations are gestures of the instructions."
     notes: tuple[str, ...] = ()
     if recordings is not None:
-        found, notes = recorded(recordings, mapping)
-        activations = found | gestures(intact, tuple(TASKS))
+        recorded_activations, notes = recorded(recordings, mapping)
+        activations = recorded_activations | gestures(intact, tuple(TASKS))
         source = f"The activations are those of the recordings in {recordings.name}."
     kept = None if store is None else Store(store, report)
 

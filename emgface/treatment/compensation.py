@@ -61,14 +61,14 @@ def compensated(
         nodes, np.append(0.0, shares), np.concatenate([rests[1][nodes][None], wanted]), SIZE
     )
     start = replace(systems[1].rest_state(), q=rests[1])
-    found, _ = equilibria(
+    solution, _ = equilibria(
         systems[1], [target], shares, weights=Weights(size=1e-2, change=1e-3), initial=start,
     )  # fmt: skip
-    left = np.sqrt(3.0) * SIZE * found["misfit"].values  # of coordinates, over SIZE
+    left = np.sqrt(3.0) * SIZE * solution["misfit"].values  # of coordinates, over SIZE
     apart = np.linalg.norm(moved[1] - moved[0], axis=2)
     return xr.Dataset(
         {
-            "activation": found["activation"].transpose("muscle", "time"),
+            "activation": solution["activation"].transpose("muscle", "time"),
             "uncompensated": ("time", np.sqrt((apart**2).mean(axis=1)), {"units": "m"}),
             "residual": ("time", left, {"units": "m"}),
             "motion": (

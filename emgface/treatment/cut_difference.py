@@ -41,11 +41,11 @@ def other_cut(
     Raises DataError if `treated` is not a treatment of `intact`, and FaceError if it cuts nothing or the
     other method cannot close the wound.
     """
-    found = intact
+    face = intact
     for entry in treatments_between(intact, treated):
         plan = with_other_cut(applied_plan(entry))
-        found = treat_face(found, plan, parameters, progress=progress)
-    return found
+        face = treat_face(face, plan, parameters, progress=progress)
+    return face
 
 
 def with_cut_difference(outcomes: pd.DataFrame, other: pd.DataFrame) -> pd.DataFrame:
@@ -55,10 +55,10 @@ def with_cut_difference(outcomes: pd.DataFrame, other: pd.DataFrame) -> pd.DataF
     """
     theirs = other[["outcome", "change", "bound"]]
     theirs = theirs.set_axis(["outcome", "change, other cut", "bound of the other"], axis=1)
-    found = outcomes.merge(theirs, "left", "outcome")
-    both = found[["change", "change, other cut"]]
-    bounds = found[["bound", "bound of the other"]]
+    merged = outcomes.merge(theirs, "left", "outcome")
+    both = merged[["change", "change, other cut"]]
+    bounds = merged[["bound", "bound of the other"]]
     open_below, open_above = (bounds.isin([one, "both"]).any(axis=1) for one in ("before", "after"))
-    found["change, lowest of both cuts"] = both.min(axis=1, skipna=False).mask(open_below)
-    found["change, highest of both cuts"] = both.max(axis=1, skipna=False).mask(open_above)
-    return found.drop(columns="bound of the other")
+    merged["change, lowest of both cuts"] = both.min(axis=1, skipna=False).mask(open_below)
+    merged["change, highest of both cuts"] = both.max(axis=1, skipna=False).mask(open_above)
+    return merged.drop(columns="bound of the other")

@@ -298,9 +298,9 @@ def bounds_of(table: pd.DataFrame) -> pd.DataFrame:
     Tables of earlier versions do not state it; their values are not lower bounds.
     """
     texts = table[BOUNDS].fillna("") if BOUNDS in table else [""] * len(table)
-    told = [set(str(text).split(SEPARATOR)) for text in texts]
+    bounded = [set(str(text).split(SEPARATOR)) for text in texts]
     names = _outcomes_of(table)
-    return pd.DataFrame([[n in one for n in names] for one in told], table.index, names)
+    return pd.DataFrame([[n in one for n in names] for one in bounded], table.index, names)
 
 
 def changes_by_dose(table: pd.DataFrame) -> pd.DataFrame:
@@ -317,11 +317,11 @@ def changes_by_dose(table: pd.DataFrame) -> pd.DataFrame:
     before, before_least = (
         frame[whole].set_axis(index)[names].loc[people].to_numpy() for frame in (table, least)
     )
-    found = cut[[*AXES]].join(cut[names] - before).melt([*AXES], names, "outcome", "change")
+    changes = cut[[*AXES]].join(cut[names] - before).melt([*AXES], names, "outcome", "change")
     pairs = zip(before_least.T.ravel(), least[~whole].to_numpy().T.ravel(), strict=True)
-    found["bound"] = [bound_of(bool(a), bool(b)) for a, b in pairs]
-    found["change"] = found["change"].mask(found["bound"] == "both")
-    return found
+    changes["bound"] = [bound_of(bool(a), bool(b)) for a, b in pairs]
+    changes["change"] = changes["change"].mask(changes["bound"] == "both")
+    return changes
 
 
 def cube_of(table: pd.DataFrame, setting: DoseSetting) -> xr.Dataset:
@@ -384,16 +384,16 @@ def intervals_by_dose(table: pd.DataFrame) -> pd.DataFrame:
     persons = long[long["draw"] == 0].groupby(keys, sort=False)["change"]
     drawn_means = long[long["draw"] > 0].groupby([*keys, "draw"], sort=False)["change"].mean()
     bounded = (long["bound"] != "").groupby([long[key] for key in keys], sort=False).sum()
-    found = pd.DataFrame({"n": persons.count(), "median": persons.median(), "bounds": bounded})
+    intervals = pd.DataFrame({"n": persons.count(), "median": persons.median(), "bounds": bounded})
     of_persons, of_draws = (
         spread_of(n)[:2] for n in (int(table["person"].nunique()), draws_of(table))
     )
     drawn = drawn_means.groupby(keys, sort=False)
     for name, level, of_draw in zip(("low", "high"), of_persons, of_draws, strict=True):
-        found[f"persons {name}"] = persons.quantile(level)
+        intervals[f"persons {name}"] = persons.quantile(level)
         if len(drawn_means):
-            found[f"parameters {name}"] = drawn.quantile(of_draw)
-    return found.reset_index()
+            intervals[f"parameters {name}"] = drawn.quantile(of_draw)
+    return intervals.reset_index()
 
 
 def read_cases(path: Path, entries: Sequence[Any]) -> pd.DataFrame:
@@ -425,13 +425,13 @@ def read_cases(path: Path, entries: Sequence[Any]) -> pd.DataFrame:
 
 def with_intervals(outcomes: pd.DataFrame, table: pd.DataFrame) -> pd.DataFrame:
     """Outcomes of one face with the intervals of the change in a table of the same plan."""
-    found = intervals_by_dose(table).drop(columns=["n", "median"])
-    found = found.drop(columns=[axis for axis in AXES if axis in found])
-    names = {c: f"change, {c}" for c in found.columns if c != "outcome"}
-    found = found.rename(columns=names | {"bounds": "bounds among the changes"})
-    if found["outcome"].duplicated().any():
+    intervals = intervals_by_dose(table).drop(columns=["n", "median"])
+    intervals = intervals.drop(columns=[axis for axis in AXES if axis in intervals])
+    names = {c: f"change, {c}" for c in intervals.columns if c != "outcome"}
+    intervals = intervals.rename(columns=names | {"bounds": "bounds among the changes"})
+    if intervals["outcome"].duplicated().any():
         raise DataError(
             "the table of intervals has several plans, expected one: write it by "
             "'emgface dose --plan plan.toml'"
         )
-    return outcomes.merge(found, "left", "outcome")
+    return outcomes.merge(intervals, "left", "outcome")

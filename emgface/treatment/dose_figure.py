@@ -28,20 +28,26 @@ def dose_figure(table: pd.DataFrame, setting: DoseSetting) -> Figure:
     A draw of the unknown parameters is a point, the mean over persons; many draws are a bar. The title
     states the faces, contact and numbers of persons and draws.
     """
-    found, drawn = intervals_by_dose(table), _drawn_points(table)
+    intervals, drawn = intervals_by_dose(table), _drawn_points(table)
     units = {o.name: o.unit for o in OUTCOMES}
-    shown = [name for name in SHOWN if found.loc[found["outcome"] == name, "median"].notna().any()]
+    shown = [
+        name
+        for name in SHOWN
+        if intervals.loc[intervals["outcome"] == name, "median"].notna().any()
+    ]
     figure = Figure(figsize=(10.5, 6.4), layout="constrained")
     axes = figure.subplots(2, -(-max(len(shown), 1) // 2), squeeze=False)
     for axis in axes.ravel()[len(shown) :]:
         axis.set_axis_off()
     for axis, name in zip(axes.ravel(), shown, strict=False):
-        own, points = found[found["outcome"] == name], drawn[drawn["outcome"] == name]
+        own, points = intervals[intervals["outcome"] == name], drawn[drawn["outcome"] == name]
         groups = own.groupby(["shape", "place", "rejoin"], sort=False)
         for k, (label, part) in enumerate(groups):
             part = part.sort_values("share")
             x = 100 * part["share"].to_numpy()
-            (line,) = axis.plot(x, part["median"], "o-", ms=3.5, label=_told(label, groups.groups))
+            (line,) = axis.plot(
+                x, part["median"], "o-", ms=3.5, label=_line_label(label, groups.groups)
+            )
             color = line.get_color()
             axis.fill_between(x, part["persons low"], part["persons high"], alpha=0.15, color=color)
             at, shift = points.set_index(["shape", "place", "rejoin"]).index, 0.7 * (k + 1)
@@ -73,17 +79,19 @@ def _drawn_points(table: pd.DataFrame) -> pd.DataFrame:
 def _figure_title(table: pd.DataFrame, setting: DoseSetting) -> str:
     persons, draws = int(table["person"].nunique()), draws_of(table)
     contact = "in contact" if setting.contact else "without contact"
-    told = f"median and {spread_of(persons)[2]} of the persons (band)"
+    spread = f"median and {spread_of(persons)[2]} of the persons (band)"
     if draws:
         mark = f"{spread_of(draws)[2]}, bars" if draws >= MANY else "crosses"
-        told += f"; {draws} draw{'s' * (draws > 1)} of unknown parameters, mean of persons ({mark})"
+        spread += (
+            f"; {draws} draw{'s' * (draws > 1)} of unknown parameters, mean of persons ({mark})"
+        )
     return (
         f"simulated: {persons} generated person{'s' * (persons > 1)}, faces of {setting.resolution} "
-        f"resolution, {contact}, sigma_max {setting.sigma_max / 1e3:g} kPa\n{told}\n{NOT_VALIDATED}"
+        f"resolution, {contact}, sigma_max {setting.sigma_max / 1e3:g} kPa\n{spread}\n{NOT_VALIDATED}"
     )
 
 
-def _told(label: Any, groups: Any) -> str:
+def _line_label(label: Any, groups: Any) -> str:
     """Words of a line: those of its shape, place and joining that differ between lines."""
     differing = [len(set(values)) > 1 for values in zip(*groups, strict=True)]
     joined = {"all": "fibres joined", "none": "fibres not joined"}

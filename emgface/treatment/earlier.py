@@ -48,11 +48,11 @@ def earlier_cuts(face: xr.Dataset, step: Step, entries: list[dict[str, Any]]) ->
         return (
             "; the excision contains the suture of an earlier one: excise both at once by one wedge"
         )
-    told = [
+    named = [
         f"{words} of {'this plan' if entry is entries[-1] else told_treatment(entry)}"
         for entry, words in (cuts[k] for k in hit)
     ]
     return (
-        f"; the excision contains the suture of {' and of '.join(told)}: excise both at once by one "
+        f"; the excision contains the suture of {' and of '.join(named)}: excise both at once by one "
         "wedge, in the model before it"
     )

@@ -126,29 +126,29 @@ def _slit(face: xr.Dataset, outline: Outline, columns: TissueColumns, method: st
     changed, line = np.zeros(len(connectivity), dtype=bool), position[stacks].reshape(-1, 3)
     if method == "conforming":
         along = start + np.linspace(0.0, 1.0, ALONG)[:, None] * (tip - start)
-        found: list[Floats] = []
+        points: list[Floats] = []
         for at in along:
             here = containing(surface, at)
             if here is None:
                 continue  # beyond the margin
             cell = surface.cells[here]
             weights = inverse_bilinear(np.array([surface.flat[v] for v in cell]), at)
-            found.append(np.einsum("v,vsx->sx", weights, [surface.stack[v] for v in cell]))
+            points.append(np.einsum("v,vsx->sx", weights, [surface.stack[v] for v in cell]))
             if weights.min() > 1e-6:  # inside, and not along an edge
                 changed[columns.element[surface.owner[here]]] = True
-        if not found:
+        if not points:
             raise TreatmentError(
                 "off the skin", "the incision is outside the skin of the lip: choose another place"
             )
-        line = np.concatenate(found)
+        line = np.concatenate(points)
     free = face["stress_free_position"].values if "stress_free_position" in face else None
     if free is None:
         free = np.where(connectivity[..., None] < 0, 0.0, position[np.maximum(connectivity, 0)])
-    held = face["fixed"].values[rows[:, 0]] != FREE
-    if 2 * held.sum() > len(rows):
+    attached = face["fixed"].values[rows[:, 0]] != FREE
+    if 2 * attached.sum() > len(rows):
         raise TreatmentError(
             "bone",
-            f"{int(held.sum())} of {len(rows)} nodes at the incision are attached to bone: choose a "
+            f"{int(attached.sum())} of {len(rows)} nodes at the incision are attached to bone: choose a "
             "smaller height",
         )
     own = np.arange(len(connectivity))
@@ -306,14 +306,14 @@ class _Elements:
         own = self.connectivity[parent].tolist()
         names = self.columns.nodes(column)
         before = self.surface_before(column)
-        found: list[Floats] = []
+        stress_free: list[Floats] = []
         for depth in (1, 0):
             corners = self.free[parent][
                 [own.index(self.columns.stack[n][layer + depth]) for n in names]
             ]
             for v in part:
-                found.append(inverse_bilinear(before, self.surface.flat[v]) @ corners)
-        return np.array(found)
+                stress_free.append(inverse_bilinear(before, self.surface.flat[v]) @ corners)
+        return np.array(stress_free)
 
     def surface_before(self, column: int) -> Floats:
         """Corners of a cell in the chart before nodes were moved."""
@@ -328,11 +328,11 @@ class _Elements:
 
     def _ties(self, pairs: list[tuple[int, int]], sheets: int) -> NDArray[np.bool_]:
         """Mask of the pairs of nodes that meet; those attached to bone stay where they are."""
-        held = np.append(self.face["fixed"].values, np.zeros(len(self.node_parents))) != FREE
+        attached = np.append(self.face["fixed"].values, np.zeros(len(self.node_parents))) != FREE
         for node, parents in self.node_parents.items():
-            held[node] = held[list(parents)].all()
+            attached[node] = attached[list(parents)].all()
         rows = self._rows(pairs, sheets)
-        free = ~held[rows].any(axis=1)
+        free = ~attached[rows].any(axis=1)
         if 2 * free.sum() < len(rows):
             raise TreatmentError(
                 "bone",

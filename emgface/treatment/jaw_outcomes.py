@@ -83,7 +83,7 @@ def resected_side(jaw: xr.Dataset) -> str:
 def jaw_outcomes(jaw: xr.Dataset, sound: str) -> dict[tuple[str, str], float]:
     """Outcomes of a jaw by name and unit; `sound` is the side "L" or "R" that was not treated."""
     rest = run_task(jaw, TASKS["rest"], check=False)
-    found = {
+    values = {
         ("rest, separation of the incisors", "mm"): float(separation(rest)[-1]),
         ("rest, incisor to the right", "mm"): _right(rest),
     }
@@ -92,21 +92,21 @@ def jaw_outcomes(jaw: xr.Dataset, sound: str) -> dict[tuple[str, str], float]:
         ("opening by a load on the incisor", opened_by_load(jaw)),
     ):
         k = int(np.argmax(path[0]))
-        found[f"{words}, largest gape", "mm"] = float(path[0][k])
-        found[f"{words}, incisor to the right at it", "mm"] = float(path[1][k])
+        values[f"{words}, largest gape", "mm"] = float(path[0][k])
+        values[f"{words}, incisor to the right at it", "mm"] = float(path[1][k])
         for gape in GAPES:
             name = f"{words}, incisor to the right at a gape of {gape:g} mm"
-            found[name, "mm"] = deviation_at(path, gape)
+            values[name, "mm"] = deviation_at(path, gape)
     clench = run_task(jaw, TASKS["clench"], check=False)
     force = clench["joint_force"].sel(joint=f"bite_{sound}").isel(time=-1).values
-    found["clenching at 10 %, bite force on the sound side", "N"] = float(np.linalg.norm(force))
+    values["clenching at 10 %, bite force on the sound side", "N"] = float(np.linalg.norm(force))
     pushed = run_task(jaw, replace(TASKS["rest"], load=(PUSH, 0.0, 0.0)), check=False)
     moved = pushed["position"].isel(time=-1) - rest["position"].isel(time=-1)
     way = moved.sel(marker="lower_incisor").values
-    found["sideways push of 1 N at rest, way of the incisor", "mm"] = 1e3 * float(
+    values["sideways push of 1 N at rest, way of the incisor", "mm"] = 1e3 * float(
         np.linalg.norm(way)
     )
-    return found
+    return values
 
 
 def _right(motion: xr.Dataset) -> float:
@@ -125,14 +125,14 @@ def jaw_outcome_table(
     """
     treatments_between(before, after)
     sound = "R" if resected_side(after) == "L" else "L"
-    found: list[dict[tuple[str, str], float]] = []
+    outcomes: list[dict[tuple[str, str], float]] = []
     for k, jaw in enumerate((before, after)):
         if progress is not None:
             progress(k, 2)
-        found.append(jaw_outcomes(jaw, sound))
+        outcomes.append(jaw_outcomes(jaw, sound))
     if progress is not None:
         progress(2, 2)
-    rows = [(*key, found[0][key], found[1][key]) for key in found[0]]
+    rows = [(*key, outcomes[0][key], outcomes[1][key]) for key in outcomes[0]]
     table = pd.DataFrame(rows, columns=["outcome", "unit", "before", "after"])
     table["change"] = table["after"] - table["before"]
     return table

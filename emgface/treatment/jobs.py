@@ -24,7 +24,7 @@ from emgface.treatment.pressure import pressure_held
 from sim import SimulationError
 
 MOTION: Final = Stage("treatment_motion", (*MECHANICS, "emgface.treatment.jobs"))
-HELD: Final = Stage("treatment_pressure", (*MOTION.modules, "emgface.treatment.pressure"))
+PRESSURE_STAGE: Final = Stage("treatment_pressure", (*MOTION.modules, "emgface.treatment.pressure"))
 PRESSED: Final = "pressure held"  #: name of the job that finds the pressure of closed lips
 PRESSURE: Final = "pressure_held_Pa"  #: attribute of a motion of closing
 PRESSURE_STEP: Final = "pressure_step_Pa"
@@ -45,11 +45,15 @@ def pressure_attributes(
     if parameters.contact.method == "none":
         return {}
     try:
-        held = pressure_held(face, parameters, settled=settled)
+        pressure = pressure_held(face, parameters, settled=settled)
     except FaceError as error:
         return {NO_PRESSURE: str(error)}
-    found = {PRESSURE: held.pressure, PRESSURE_STEP: held.step, AT_LEAST: int(held.at_least)}
-    return found | ({BOUNDED: held.reason} if held.at_least else {})
+    attributes = {
+        PRESSURE: pressure.pressure,
+        PRESSURE_STEP: pressure.step,
+        AT_LEAST: int(pressure.at_least),
+    }
+    return attributes | ({BOUNDED: pressure.reason} if pressure.at_least else {})
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,7 @@ class FailedJob:
     weaker: bool
 
     @classmethod
-    def of(cls, error: SimulationError) -> "FailedJob":
+    def from_error(cls, error: SimulationError) -> "FailedJob":
         """Describe an error, which other processes may not be able to read."""
         return cls(str(error), isinstance(error, WEAKER))
 
@@ -104,7 +108,7 @@ class Faces:
         """Motion of a job, or its pressure as attributes; from the store if it is there."""
         if self._store is None:
             return self._computed(job)
-        stage, inputs = HELD, {"face": self._digests[job.which]}
+        stage, inputs = PRESSURE_STAGE, {"face": self._digests[job.which]}
         if job.name != PRESSED:
             own = self.activations[job.name].to_dataset(name="activation")
             stage, inputs = MOTION, inputs | {"activation": dataset_digest(own)}
@@ -153,7 +157,7 @@ def _simulated(faces: Faces, job: Job) -> FailedJob | None:
     try:
         faces.result(job)
     except SimulationError as error:
-        return FailedJob.of(error)
+        return FailedJob.from_error(error)
     return None
 
 
@@ -175,11 +179,11 @@ def results(
             if job.name in lost:
                 continue
             try:
-                found: xr.Dataset | FailedJob = faces.result(job)
+                result: xr.Dataset | FailedJob = faces.result(job)
             except SimulationError as error:
-                found = FailedJob.of(error)
+                result = FailedJob.from_error(error)
                 lost.add(job.name)
-            yield job, found
+            yield job, result
         return
     given = faces.given, faces.activations, faces.store.folder, faces.reduced
     task = Task(_prepared, given, _simulated, lambda job: job.which)

@@ -56,12 +56,12 @@ class Lengths(Parameters):
 
     def _lengths(self) -> dict[str, tuple[float, ...]]:
         """Lengths [mm] by name, those of a point together."""
-        found: dict[str, tuple[float, ...]] = {}
+        lengths: dict[str, tuple[float, ...]] = {}
         for name, field in type(self).model_fields.items():
             more, value = field.json_schema_extra, getattr(self, name)
             if value is not None and isinstance(more, dict) and more.get("unit") == "mm":
-                found[name] = value if isinstance(value, tuple) else (value,)
-        return found
+                lengths[name] = value if isinstance(value, tuple) else (value,)
+        return lengths
 
     def doubts(self) -> tuple[str, ...]:
         """Sentences on lengths so short that they may be in cm."""
@@ -71,16 +71,16 @@ class Lengths(Parameters):
             if len(value) == 1 and 0.0 < value[0] < DOUBTED.get(name, 1.0)
         )
         parts = (value for _, value in self if isinstance(value, Lengths))
-        return (*own, *(told for part in parts for told in part.doubts()))
+        return (*own, *(doubt for part in parts for doubt in part.doubts()))
 
     @model_validator(mode="after")
     def _in_mm(self) -> "Lengths":
         for name, every in self._lengths().items():
             if 0.0 < max(abs(one) for one in every) < SHORTEST:
                 of_mm = [f"{1e3 * one:g}" for one in every]
-                told = of_mm[0] if len(of_mm) == 1 else f"[{', '.join(of_mm)}]"
+                in_mm = of_mm[0] if len(of_mm) == 1 else f"[{', '.join(of_mm)}]"
                 raise ValueError(
                     f"{name} = {getattr(self, name)}: lengths of a plan are in mm, and this one is "
-                    f"shorter than {SHORTEST:g} mm; if it is in metres, write {name} = {told}"
+                    f"shorter than {SHORTEST:g} mm; if it is in metres, write {name} = {in_mm}"
                 )
         return self

@@ -71,11 +71,11 @@ def gesture(levels: Mapping[str, float], muscles: NDArray[Any]) -> xr.DataArray:
 def gestures(face: xr.Dataset, names: tuple[str, ...] = ()) -> dict[str, xr.DataArray]:
     """Activations of the six instructions and of `TASKS`, or of some of them."""
     muscles = face["muscle"].values
-    found = {name: gesture(gesture_activation(name), muscles) for name in GESTURES}
+    activations = {name: gesture(gesture_activation(name), muscles) for name in GESTURES}
     for name, (_, levels) in TASKS.items():
         both = {f"{m}_{side}": a for m, a in levels.items() for side in "LR"}
-        found[name] = gesture(both, muscles)
-    return {name: found[name] for name in names or found}
+        activations[name] = gesture(both, muscles)
+    return {name: activations[name] for name in names or activations}
 
 
 def recorded(
@@ -90,7 +90,7 @@ def recorded(
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "does not exist"
         raise DataError(f"{folder} {what}, expected a folder with the recordings of one person")
-    found: dict[str, xr.DataArray] = {}
+    activations: dict[str, xr.DataArray] = {}
     persons: dict[str, str] = {}
     reasons: list[str] = []
     notes: list[str] = []
@@ -100,28 +100,28 @@ def recorded(
             name = str(recording.attrs.get("instruction", ""))
             if name not in INSTRUCTIONS:
                 reasons.append(f"{path.name}: its instruction is {name or 'not stated'}")
-            elif name in found:
+            elif name in activations:
                 notes.append(f"{path.name} is another recording of {name} and was not used.")
             else:
-                found[name] = ef.activate(recording)["activation"]
+                activations[name] = ef.activate(recording)["activation"]
                 persons.setdefault(str(recording.attrs.get("volunteer", "")), path.name)
         except (DataError, OSError) as error:
             reasons.append(f"{path.name}: {error}")
-    if not found:
+    if not activations:
         raise DataError(
             f"{folder} contains no recording of an instruction A to F, expected at least one"
             + (f" ({reasons[0]})" if reasons else "")
         )
     if len(persons) > 1:
-        told = " and ".join(f"{who or 'nobody'} ({file})" for who, file in persons.items())
+        people = " and ".join(f"{who or 'nobody'} ({file})" for who, file in persons.items())
         raise DataError(
-            f"{folder} contains recordings of several volunteers, {told}, expected those of one person: "
-            "make a folder for each"
+            f"{folder} contains recordings of several volunteers, {people}, expected those of one "
+            "person: make a folder for each"
         )
-    if absent := [name for name in INSTRUCTIONS if name not in found]:
+    if absent := [name for name in INSTRUCTIONS if name not in activations]:
         notes.append(f"No recording of {', '.join(absent)} was found: their outcomes are absent.")
     notes += [f"Not used: {reason.rstrip('.')}." for reason in reasons]
-    return {name: found[name] for name in sorted(found)}, tuple(notes)
+    return {name: activations[name] for name in sorted(activations)}, tuple(notes)
 
 
 def words_of(name: str, activation: xr.DataArray) -> str:
@@ -162,13 +162,13 @@ def compared_motions(
         """Results of both faces, by name; one of a failed pair may be absent."""
         nonlocal ended
         jobs = [Job(k, name, p) for name, p in pending.items() for k in (1, 0)]
-        found: dict[str, _Pair] = {name: {} for name in pending}
+        pairs: dict[str, _Pair] = {name: {} for name in pending}
         for job, result in results(faces, jobs, workers, stopping):
-            found[job.name][job.which] = result
+            pairs[job.name][job.which] = result
             ended = min(ended + 1, total)
             if progress is not None:
                 progress(ended, total)
-        return found
+        return pairs
 
     if progress is not None:
         progress(0, total)
@@ -177,15 +177,19 @@ def compared_motions(
     if own and "closing" in motions:
         stress = float(motions["closing"][0].attrs["sigma_max"])
         p = parameters.model_copy(update={"sigma_max": stress})
-        for which, held in both({PRESSED: p})[PRESSED].items():
+        for which, outcome in both({PRESSED: p})[PRESSED].items():
             when = ("before", "after")[which]
-            if isinstance(held, FailedJob):
-                held = xr.Dataset(attrs={NO_PRESSURE: held.text})
-            motions["closing"][which].attrs |= held.attrs
-            if NO_PRESSURE in held.attrs:
-                notes.append(f"The pressure held {when} was not found: {held.attrs[NO_PRESSURE]}.")
-            elif held.attrs[AT_LEAST]:
-                notes.append(f"The pressure held {when} is a lower bound: {held.attrs[BOUNDED]}.")
+            if isinstance(outcome, FailedJob):
+                outcome = xr.Dataset(attrs={NO_PRESSURE: outcome.text})
+            motions["closing"][which].attrs |= outcome.attrs
+            if NO_PRESSURE in outcome.attrs:
+                notes.append(
+                    f"The pressure held {when} was not found: {outcome.attrs[NO_PRESSURE]}."
+                )
+            elif outcome.attrs[AT_LEAST]:
+                notes.append(
+                    f"The pressure held {when} is a lower bound: {outcome.attrs[BOUNDED]}."
+                )
     words = {name: words_of(name, given) for name, given in activations.items()}
     before, after = ({n: motions[n][k] for n in activations if n in motions} for k in (0, 1))
     of_reduction = () if reduced is None else notes_of_reduction(before, after)
@@ -203,8 +207,8 @@ def _at_common_stress(
     motions: dict[str, dict[int, xr.Dataset]] = {}
     failed: dict[str, str] = {}
     while pending:
-        found, again = both(pending), dict[str, SimulationParameters]()
-        for name, pair in found.items():
+        pairs, again = both(pending), dict[str, SimulationParameters]()
+        for name, pair in pairs.items():
             failures = [one for one in pair.values() if isinstance(one, FailedJob)]
             lower = lowered(pending[name])
             if not failures:

@@ -25,11 +25,11 @@ from emgface.pictures.encoding import (
 from emgface.pictures.page import as_json, cells, environment, policy, style, viewer_script
 from emgface.pictures.render import VIEWS
 from emgface.pictures.stills import body_figure
+from emgface.treatment.facts import UNITS, facts_of_report, facts_of_step
 from emgface.treatment.motions import ComparedMotions
 from emgface.treatment.outcomes import CLOSED, FACTOR, OUTCOMES, Outcome, with_words
 from emgface.treatment.outline import in_excision, outline_of
 from emgface.treatment.plan import CUTS, NOT_VALIDATED, Incision, Wedge, applied_plan
-from emgface.treatment.told import UNITS, facts_of_report, facts_of_step
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -63,12 +63,12 @@ def side_by_side(
     bodies = [_drawn_plan(intact, treated), body_of(treated)]
     rest = [f["position"].values[skin_of(f).node] for f in (intact, treated)]
     centre = middle_of(np.concatenate(rest))
-    body, beside = joined(*bodies)
+    body, adjacent = joined(*bodies)
     data = body_data(body, np.concatenate(rest))
     trials = [_trial(name, motions, activations[name], centre, plain=plain) for name in names]
     markers = [f"{m} {when}" for when in ("before", "after") for m in intact["marker"].values]
     return data | {
-        "beside": packed(beside),
+        "beside": packed(adjacent),
         "sides": [-1] * intact.sizes["marker"] + [1] * treated.sizes["marker"],
         "what": "faces before (left) and after (right) a simulated treatment",
         "instructions": {
@@ -96,15 +96,15 @@ def _trial(
     ]
     sigma = [float(m.attrs["sigma_max"]) / 1e3 for m in pair]
     pace, start = pair[0].attrs["recorded_pace"], pair[0].attrs["recorded_start"]
-    told = f"Simulated, {motions.words[name]}: before on the left, after on the right"
+    caption = f"Simulated, {motions.words[name]}: before on the left, after on the right"
     shown = motions.words[name] if plain else name
     return {
         "instruction": shown,
         "strategy": "",
         "label": shown,
-        "about": f"{told}."
+        "about": f"{caption}."
         if plain
-        else f"{told}, with the same activations and sigma_max {sigma[0]:.4g} kPa.",
+        else f"{caption}, with the same activations and sigma_max {sigma[0]:.4g} kPa.",
         "time": [round(float(t), 4) for t in time],
         "skin": deltas(whole(np.concatenate(skins, axis=1), centre)),
         "simulated": deltas(whole(np.concatenate(marks, axis=1), centre)),
@@ -236,15 +236,15 @@ def compare_page(
 
 def _steps(entries: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     """Steps of all plans: their place, the parameters of the plan, and what their report adds."""
-    found: list[dict[str, Any]] = []
+    steps: list[dict[str, Any]] = []
     for entry in entries:
         plan = applied_plan(entry)
         for step, report in zip(plan.step, entry["steps"], strict=True):
             own = facts_of_step(step)
             own += [fact for fact in facts_of_report(report) if fact[0] not in dict(own)]
             title = f"Step {report['step']} of “{plan.name}”: {report['kind']}"
-            found.append({"title": title, "facts": own})
-    return found
+            steps.append({"title": title, "facts": own})
+    return steps
 
 
 def plain_sentences(
@@ -257,8 +257,8 @@ def plain_sentences(
 
     `lost` are the words of movements that could not be simulated, `event` that of the treatment.
     """
-    known, found = {o.name: o for o in OUTCOMES if o.plain}, list[str]()
-    told = set[str]()
+    known, sentences = {o.name: o for o in OUTCOMES if o.plain}, list[str]()
+    words_of_event = set[str]()
     for row in outcomes.itertuples():
         outcome, unit = known.get(str(row.outcome)), str(row.unit)
         values = {"before": float(row.before), "after": float(row.after)}  # pyright: ignore
@@ -271,18 +271,20 @@ def plain_sentences(
         }
         if len(finite) == 1:
             other = next(when for when in values if when not in finite)
-            found.append(
+            sentences.append(
                 f"In the model, {outcome.plain.format(worded[finite[0]])} {finite[0]} the {event}; the "
                 f"model could not work it out {other}."
             )
             continue
-        told.add(outcome.movement)
-        found.append(f"In the model, {_compared(outcome, values, worded, bool(bounded))}.")
+        words_of_event.add(outcome.movement)
+        sentences.append(f"In the model, {_compared(outcome, values, worded, bool(bounded))}.")
     for row in movements.itertuples():
         share = float(row[3])
-        if np.isfinite(share) and row.movement not in told:  # its outcomes say what it is for
-            found.append(f"“{row.words}”: the movement is {100 * share:.0f} % of that before.")
-    return found + [f"“{name}”: the model could not work out this movement." for name in lost]
+        if (
+            np.isfinite(share) and row.movement not in words_of_event
+        ):  # its outcomes say what it is for
+            sentences.append(f"“{row.words}”: the movement is {100 * share:.0f} % of that before.")
+    return sentences + [f"“{name}”: the model could not work out this movement." for name in lost]
 
 
 def _plain(value: float, unit: str) -> str:

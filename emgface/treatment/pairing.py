@@ -138,16 +138,16 @@ def _aims(surface: CutSurface, pairs: list[tuple[int, int]]) -> Floats:
     stack = np.array([[surface.stack[a], surface.stack[b]] for a, b in pairs])
     middle = stack.mean(axis=1)
     steps = np.linalg.norm(np.diff(stack, axis=0), axis=-1).mean(axis=1)  # pair, sheet
-    found = middle.copy()
+    aims = middle.copy()
     for sheet in range(middle.shape[1]):
         s = np.append(0.0, np.cumsum(steps[:, sheet]))
         along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(middle[:, sheet], axis=0), axis=1)))
         if along[-1] > 0.0:
             at = s / s[-1] * along[-1]
-            found[:, sheet] = np.stack(
+            aims[:, sheet] = np.stack(
                 [np.interp(at, along, middle[:, sheet, k]) for k in range(3)], axis=-1
             )
-    return found
+    return aims
 
 
 def _matched(
@@ -193,13 +193,13 @@ def _owners(
 ) -> dict[frozenset[int], int]:
     """Index of the piece of tissue at every edge of an arm."""
     wanted = {frozenset(pair) for pair in zip(arm[:-1], arm[1:], strict=True)}
-    found: dict[frozenset[int], int] = {}
+    owners: dict[frozenset[int], int] = {}
     for k, cell in enumerate(surface.cells):
         if not inside[k]:
             for a, b in zip(cell, cell[1:] + cell[:1], strict=True):
                 if frozenset((a, b)) in wanted:
-                    found[frozenset((a, b))] = k
-    return found
+                    owners[frozenset((a, b))] = k
+    return owners
 
 
 def _inserted(
@@ -226,7 +226,7 @@ def flat_tips(
     tip is then flat there, and is divided.
     """
     tips = {a for a, b in pairs if a == b}
-    found: set[int] = set()
+    flat: set[int] = set()
     wound = {v for pair in pairs for v in pair}
     gone: set[frozenset[int]] = set()
     for cell, out in zip(surface.cells, inside.tolist(), strict=True):
@@ -236,11 +236,11 @@ def flat_tips(
         for at, v in enumerate(cell if not out else ()):
             edges = frozenset((cell[at - 1], v)), frozenset((v, cell[(at + 1) % len(cell)]))
             if len(cell) > 3 and v in wound and edges[0] in gone and edges[1] in gone:
-                found.add(v)  # a corner of the tissue, which is opened to a straight edge
+                flat.add(v)  # a corner of the tissue, which is opened to a straight edge
         for tip in tips.intersection(cell) if not out else ():
             at = cell.index(tip)
             a, b = (surface.flat[cell[(at + k) % len(cell)]] - surface.flat[tip] for k in (1, -1))
             cosine = float(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)))
             if len(cell) > 3 and cosine < 0.5:
-                found.add(tip)
-    return frozenset(found)
+                flat.add(tip)
+    return frozenset(flat)

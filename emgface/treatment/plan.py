@@ -30,7 +30,7 @@ Muscles = Annotated[tuple[str, ...], BeforeValidator(_several)]
 
 def _known(values: Muscles) -> Muscles:
     """Muscles with side; a name without side stands for both sides."""
-    found: list[str] = []
+    muscles: list[str] = []
     for value in values:
         both = [f"{value}_L", f"{value}_R"] if value in MODELLED else [value]
         if both[0] not in MUSCLES:
@@ -38,8 +38,8 @@ def _known(values: Muscles) -> Muscles:
                 f"muscle {value} is unknown, expected some of {', '.join(MODELLED)}, with _L or _R for "
                 "one side"
             )
-        found += both
-    return tuple(dict.fromkeys(found))
+        muscles += both
+    return tuple(dict.fromkeys(muscles))
 
 
 class Scar(Lengths):

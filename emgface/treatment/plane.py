@@ -174,11 +174,11 @@ def _snap_corner(surface: CutSurface, at: Floats, rim: set[int], locked: set[int
 
 def _around(surface: CutSurface) -> dict[int, list[int]]:
     """Cells at every vertex."""
-    found: dict[int, list[int]] = {}
+    cells: dict[int, list[int]] = {}
     for k, cell in enumerate(surface.cells):
         for v in cell:
-            found.setdefault(v, []).append(k)
-    return found
+            cells.setdefault(v, []).append(k)
+    return cells
 
 
 def _moved(
@@ -274,8 +274,8 @@ def _warp(
                 if near in locked or (near, far) in refused or (near in rim and not outer[k]):
                     continue
                 length = float(np.linalg.norm(surface.flat[near] - surface.flat[far]))
-                found = (round(share * length, 12), int(near), int(far), int(k), share)
-                best = found if best is None or found < best else best
+                candidate = (round(share * length, 12), int(near), int(far), int(k), share)
+                best = candidate if best is None or candidate < best else best
         if best is None:
             return
         _, near, far, _, share = best
@@ -323,11 +323,11 @@ def _with_added(
     cell: list[int], added: dict[tuple[int, int], list[tuple[float, int]]]
 ) -> list[int]:
     """Cell with the vertices that were added on its edges."""
-    found: list[int] = []
+    vertices: list[int] = []
     for a, b in zip(cell, cell[1:] + cell[:1], strict=True):
         here = sorted(added.get((min(a, b), max(a, b)), []))
-        found += [a, *(v for _, v in (here if a < b else here[::-1]))]
-    return found
+        vertices += [a, *(v for _, v in (here if a < b else here[::-1]))]
+    return vertices
 
 
 def _divided(

@@ -78,21 +78,21 @@ def _ids(ids: Integers, used: Integers, old: int) -> NDArray[np.int32]:
 
 def _element_ids(face: xr.Dataset, wound: Wound) -> NDArray[np.int32]:
     ids = face["element_id"].values
-    found = ids[wound.parent].astype(np.int32)
+    element_ids = ids[wound.parent].astype(np.int32)
     n = int(wound.changed.sum())
-    found[wound.changed] = int(ids.max()) + 1 + np.arange(n)
-    return found
+    element_ids[wound.changed] = int(ids.max()) + 1 + np.arange(n)
+    return element_ids
 
 
 def _fixed(face: xr.Dataset, wound: Wound, used: Integers, old: int) -> NDArray[np.int8]:
     """Attachment of the nodes; an added node is fixed if all its parents are."""
     before = face["fixed"].values
-    found = np.zeros(len(used), dtype=np.int8)
+    attachment = np.zeros(len(used), dtype=np.int8)
     for k, node in enumerate(used.tolist()):
         parents = wound.node_parents.get(node, frozenset((node,)))
         own = before[list(parents)] if max(parents) < old else np.array([FREE])
-        found[k] = own[0] if (own != FREE).all() else FREE
-    return found
+        attachment[k] = own[0] if (own != FREE).all() else FREE
+    return attachment
 
 
 def _muscles(face: xr.Dataset, wound: Wound) -> dict[str, Any]:
@@ -100,20 +100,20 @@ def _muscles(face: xr.Dataset, wound: Wound) -> dict[str, Any]:
     element, row = _rows(face["bundle_index"].values, wound.parent, face.sizes["element"])
     order = np.lexsort((element, face["bundle_muscle"].values[row]))
     element, row = element[order], row[order]
-    found: dict[str, Any] = {
+    muscles: dict[str, Any] = {
         "bundle_muscle": ("bundle_element", face["bundle_muscle"].values[row]),
         "bundle_index": ("bundle_element", element.astype(np.int32)),
         "bundle_direction": (("bundle_element", "axis"), face["bundle_direction"].values[row]),
     }
     if "bundle_weight" in face:
-        found["bundle_weight"] = ("bundle_element", face["bundle_weight"].values[row])
-    return found
+        muscles["bundle_weight"] = ("bundle_element", face["bundle_weight"].values[row])
+    return muscles
 
 
-def _rows(of: Integers, parent: Integers, n: int) -> tuple[Integers, Integers]:
-    """Elements, and the rows of their parents among `of`."""
-    order = np.argsort(of, kind="stable")
-    start = np.concatenate([[0], np.cumsum(np.bincount(of, minlength=n))])
+def _rows(kept: Integers, parent: Integers, n: int) -> tuple[Integers, Integers]:
+    """Elements, and the rows of their parents among `kept`."""
+    order = np.argsort(kept, kind="stable")
+    start = np.concatenate([[0], np.cumsum(np.bincount(kept, minlength=n))])
     count = start[parent + 1] - start[parent]
     element = np.repeat(np.arange(len(parent)), count)
     within = np.arange(int(count.sum())) - np.repeat(np.cumsum(count) - count, count)
@@ -132,18 +132,18 @@ def _surfaces(face: xr.Dataset, wound: Wound, number: Integers) -> dict[str, Any
     sets = [frozenset(row) for row in facets.tolist()]
     faces, _ = boundary_faces(wound.connectivity)
     rows: list[list[int]] = []
-    of: list[int] = []
+    surface_of: list[int] = []
     for row in faces.tolist():
         parents = frozenset[int]().union(*(wound.node_parents.get(v, frozenset((v,))) for v in row))
         for k in at.get(next(iter(parents)), ()):
             if parents <= sets[k]:
                 rows.append(number[row].tolist())
-                of.append(int(names[k]))
+                surface_of.append(int(names[k]))
                 break
-    order = np.argsort(of, kind="stable")
+    order = np.argsort(surface_of, kind="stable")
     return {
         "facet_node": (("facet", "facet_corner"), np.array(rows, dtype=np.int32)[order]),
-        "facet_surface": ("facet", np.array(of, dtype=np.int32)[order]),
+        "facet_surface": ("facet", np.array(surface_of, dtype=np.int32)[order]),
     }
 
 
@@ -182,20 +182,20 @@ def _placed(
         kind = margin if node in margin else skin
         markers.append(nearest(int(node), kind, str(label), taken))
         taken.add(markers[-1])
-    found: dict[str, Any] = {"marker_node": ("marker", np.array(markers, dtype=np.int32))}
+    variables: dict[str, Any] = {"marker_node": ("marker", np.array(markers, dtype=np.int32))}
     if "lip_opening_node" in face:
         nodes = face["lip_opening_node"].values
         lips = [
             nearest(int(n), getattr(rim, lip), f"margin of the {lip} lip", set())
             for lip, n in zip(LIPS, nodes, strict=True)
         ]
-        found["lip_opening_node"] = ("lip", np.array(lips, dtype=np.int32))
+        variables["lip_opening_node"] = ("lip", np.array(lips, dtype=np.int32))
         both = np.intersect1d(rim.upper, rim.lower)
         corners = [nearest(int(rim.upper[k]), both, f"{side} corner of the mouth", set())
                    for k, side in ((0, "left"), (-1, "right"))]  # fmt: skip
-        found["mouth_corner_node"] = ("mouth_corner", np.array(corners, dtype=np.int32))
+        variables["mouth_corner_node"] = ("mouth_corner", np.array(corners, dtype=np.int32))
     del old, used
-    return found, moved
+    return variables, moved
 
 
 def _carry_fibres(

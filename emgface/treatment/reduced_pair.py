@@ -32,7 +32,7 @@ def reduced_pair(
     parameters.
     """
     given = {path: read_netcdf(path, "reduced_face") for path in files}
-    found: list[Path] = []
+    matched: list[Path] = []
     for when, face in (("before", intact), ("after", treated)):
         own = [p for p, data in given.items() if data.attrs["face_digest"] == dataset_digest(face)]
         if not own:
@@ -43,13 +43,13 @@ def reduced_pair(
                 "(emgface reduce)"
             )
         ReducedFace.for_face(given[own[0]], face, parameters)
-        found.append(own[0])
-    if left := [p.name for p in files if p not in found]:
+        matched.append(own[0])
+    if left := [p.name for p in files if p not in matched]:
         raise FaceError(
             f"the reduced face {left[0]} is not used, expected one of the face before and one of that "
             "after the treatment: omit it"
         )
-    return found[0], found[1]
+    return matched[0], matched[1]
 
 
 def notes_of_reduction(

@@ -145,15 +145,15 @@ def _without_segment(jaw: xr.Dataset, limit: float) -> tuple[xr.Dataset, float]:
     points = jaw["surface_position"].values[owner == body]
     whole = number[triangle[mine]]
     mass = float(jaw["body_mass"].values[body])
-    found: list[tuple[Floats, Floats]] = []
+    inertias: list[tuple[Floats, Floats]] = []
     part = clipped(points, whole, limit)
     for at, corners in ((points, whole), part):
         unit = sim.body_of_surface("jaw", at, corners, 1.0)
         scale = mass / unit.mass
-        found.append((np.asarray(unit.centre), scale * np.asarray(unit.inertia)))
-    shift = found[1][0] - found[0][0]
+        inertias.append((np.asarray(unit.centre), scale * np.asarray(unit.inertia)))
+    shift = inertias[1][0] - inertias[0][0]
     inertia, centre = jaw["body_inertia"].copy(), jaw["body_centre"].copy()
-    inertia.values[body] += found[1][1] - found[0][1]
+    inertia.values[body] += inertias[1][1] - inertias[0][1]
     centre.values[body] += shift
     damped = jaw["body_damped_at"].copy()
     if np.array_equal(damped.values[body], jaw["body_centre"].values[body]):

@@ -67,8 +67,8 @@ def treat_face(
     the face lacks what any treatment requires, such as a mouth.
     """
     parameters = parameters or SimulationParameters()
-    if told := plan_again(face, plan):
-        raise TreatmentError("repeated", told)
+    if message := plan_again(face, plan):
+        raise TreatmentError("repeated", message)
     treated, reports = face, list[Report]()
     for number, step in enumerate(plan.step, 1):
         own, report = step, Report()
@@ -76,17 +76,17 @@ def treat_face(
             if isinstance(step, Tumour):
                 own = wedge_around(treated, step, folder)
                 report = {name: getattr(own, name) for name in DRAWN}
-            found, done = _APPLY[type(own)](treated, own, parameters, progress)
-            treated = found if found is treated else _valid(found, own)
+            result, done = _APPLY[type(own)](treated, own, parameters, progress)
+            treated = result if result is treated else _valid(result, own)
             report |= done
             if isinstance(step, Lengths) and (doubts := step.doubts()):
                 report["doubts"] = list(doubts)
         except FaceError as error:
-            told = f"step {number} ({step.kind}) of {plan.name!r}: {error}"
-            told += earlier_cuts(treated, own, [*treatments(face), _entry(plan, reports)])
+            message = f"step {number} ({step.kind}) of {plan.name!r}: {error}"
+            message += earlier_cuts(treated, own, [*treatments(face), _entry(plan, reports)])
             if isinstance(error, TreatmentError):
-                raise TreatmentError(error.reason, told) from error
-            raise FaceError(told) from error  # the face lacks what any treatment requires
+                raise TreatmentError(error.reason, message) from error
+            raise FaceError(message) from error  # the face lacks what any treatment requires
         reports.append({"step": number, "kind": step.kind, **report})
     if treated is face:
         return face
@@ -116,8 +116,8 @@ def _entry(plan: Plan, reports: list[Report]) -> Report:
 
 def treat_jaw(jaw: xr.Dataset, plan: Plan) -> xr.Dataset:
     """Apply a plan of resections to a jaw model; JawError if a step is of another kind."""
-    if told := plan_again(jaw, plan):
-        raise JawError(told)
+    if message := plan_again(jaw, plan):
+        raise JawError(message)
     treated, reports = jaw, list[Report]()
     for number, step in enumerate(plan.step, 1):
         if not isinstance(step, Resection):
@@ -181,14 +181,14 @@ def _unfolded(
 
 def _folded(position: Floats, connectivity: Integers, wound: Wound) -> frozenset[int]:
     """Nodes of a wound at which an element of the closed face has an inverted corner."""
-    found: set[int] = set()
+    nodes: set[int] = set()
     for kind, chosen in ((HEX8, connectivity[:, 6] >= 0), (WEDGE6, connectivity[:, 6] < 0)):
         own = np.flatnonzero(chosen)
         corners = position[connectivity[own, : kind.n_nodes]]
         det = np.linalg.det(np.einsum("eni,pnj->epij", corners, kind.dN_corners))
         element, corner = np.nonzero(det <= 0.0)
-        found.update(wound.connectivity[own[element], corner].tolist())
-    return frozenset(found)
+        nodes.update(wound.connectivity[own[element], corner].tolist())
+    return frozenset(nodes)
 
 
 def _sutured(
@@ -224,10 +224,10 @@ def _sutured(
 
     closed, closing = _at_rest(tied, before, parameters, side, suture)
     report: Report = {"closing_force_N": closing.force}
-    scarred, told = _scarred(closed, face, step, suture, wound)
+    scarred, scar_report = _scarred(closed, face, step, suture, wound)
     if scarred is not closed:
         closed, closing = _at_rest(scarred, before, parameters, side, suture)
-    report |= told
+    report |= scar_report
     closed = closed.assign(_sutures(face, number, suture, closing.traction[suture]))
     area = _wall_area(closing.position, wound, number)
     stress = np.linalg.norm(closing.traction[suture], axis=1).sum() / area if area else 0.0
@@ -281,13 +281,13 @@ def _at_rest(
     p = parameters.model_copy(update={"gravity": False, "contact": NO_CONTACT})
     start = face["position"].values
     here = carried(face, before)
-    found = relaxed(compose_scene(here, p), start, side, suture)
-    if "lip_opening_node" in face and lip_opening(face, found.position) < 0.0:
+    state = relaxed(compose_scene(here, p), start, side, suture)
+    if "lip_opening_node" in face and lip_opening(face, state.position) < 0.0:
         p = p.model_copy(update={"contact": ContactParameters(between=("lips",))})
         with suppress(FaceError):  # a wound of some layers has no surface for contact
-            found = relaxed(compose_scene(here, p), start, side, suture)
-    moved = face.assign(position=(("node", "axis"), found.position, {"units": "m"}))
-    return carried(moved, before), found
+            state = relaxed(compose_scene(here, p), start, side, suture)
+    moved = face.assign(position=(("node", "axis"), state.position, {"units": "m"}))
+    return carried(moved, before), state
 
 
 def _unstretched(face: xr.Dataset, F0: Floats) -> Floats:

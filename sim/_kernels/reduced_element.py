@@ -12,7 +12,8 @@ and its change along dF = H, with the change dC of the cofactor, which is linear
 
 F and the derivatives of W are kept from the start of a step: `STORED_ROWS` rows for an element and
 `OF_FIBRE` more for each of its fibres, in single precision. The change of the stress then evaluates no
-law and reads a quarter of what moduli would be. `sim._kernels.solid` states the same derivatives as moduli.
+law and reads a quarter of what moduli would be. `sim._kernels.solid` states the same derivatives as
+moduli.
 """
 
 # pyright: basic, reportAttributeAccessIssue=false, reportCallIssue=false

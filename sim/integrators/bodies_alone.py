@@ -39,8 +39,8 @@ class BodiesAlone:
     ) -> "Passed":
         """Advance by linearly implicit steps up to the first that requires the general path.
 
-        `ends` are the times at which steps end [s], of which at most `STEPS_AT_ONCE` are used; `theta` is
-        the implicit part of a step, 1 for Euler's method and 1/2 for the trapezoidal rule.
+        `ends` are the times at which steps end [s], of which at most `STEPS_AT_ONCE` are used, and
+        `theta` is the implicit part of a step, 1 for Euler's method and 1/2 for the trapezoidal rule.
         """
         time = [state.t]
         for end in ends[:STEPS_AT_ONCE]:

@@ -64,10 +64,10 @@ def test_areas_of_bent_tubes_are_right_up_to_their_open_ends(angle, with_end, tm
     rows = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in position]
     path.write_text("\n".join([*rows, *(f"f {a} {b} {c}" for a, b, c in triangle + 1)]))
     start = line[0] + [0.0, 0.004, 0.0]  # not in the middle of the rim
-    found = areas_of_surface(path, start, end=line[-1] if with_end else None)
+    sections = areas_of_surface(path, start, end=line[-1] if with_end else None)
     expected = np.pi * np.interp((np.arange(40) + 0.5) / 40, at / angle, radius) ** 2
-    assert found["area"].values[0] == pytest.approx(expected, rel=0.01)
-    assert found["length"].values[0] == pytest.approx(0.03 * angle, rel=0.01)
+    assert sections["area"].values[0] == pytest.approx(expected, rel=0.01)
+    assert sections["length"].values[0] == pytest.approx(0.03 * angle, rel=0.01)
 
 
 def test_a_centre_line_needs_rings_between_its_ends():

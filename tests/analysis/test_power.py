@@ -69,9 +69,9 @@ def test_the_smallest_difference_is_detected_by_the_test_of_the_report(strategie
     size = detectable(6, test="sign_flip", contrasts=len(pairs))
     values = np.random.default_rng(8).standard_normal((600, strategies, 6))
     values[:, -1] += np.sqrt(2) * size  # the standard deviation of a difference
-    found = [joint_p([one[b] - one[a] for a, b in pairs], 999, 0)[-1] for one in values]
-    error = np.sqrt(0.8 * 0.2 / len(found))
-    assert np.mean(np.array(found) <= 0.05) == pytest.approx(0.8, abs=4 * error)
+    smallest = [joint_p([one[b] - one[a] for a, b in pairs], 999, 0)[-1] for one in values]
+    error = np.sqrt(0.8 * 0.2 / len(smallest))
+    assert np.mean(np.array(smallest) <= 0.05) == pytest.approx(0.8, abs=4 * error)
 
 
 def test_the_strictest_step_of_holm() -> None:

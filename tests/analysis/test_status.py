@@ -35,11 +35,11 @@ QUICK = {"draws": 100}
 def functions():
     """Every public function of `analysis` whose first argument is a cube."""
     for module in pkgutil.walk_packages(analysis.__path__, "analysis."):
-        found = importlib.import_module(module.name)
-        for name, value in vars(found).items():
+        loaded = importlib.import_module(module.name)
+        for name, value in vars(loaded).items():
             if name.startswith("_") or name in OTHERS or not inspect.isfunction(value):
                 continue
-            if value.__module__ != found.__name__:
+            if value.__module__ != loaded.__name__:
                 continue
             if next(iter(inspect.signature(value).parameters), "") == "cube":
                 yield pytest.param(value, id=name)
@@ -53,7 +53,7 @@ def cube(values: np.random.Generator) -> xr.Dataset:
         made[name] = (TRIAL_DIMS, values.uniform(0.1, 0.9, shape).round(1), {"units": units})
     for name in ("reason", "computed", "computed_with"):
         made[name] = (TRIAL_DIMS, np.full(shape, "", dtype="U30"))
-    found = {
+    variables = {
         name: xr.DataArray(
             values.uniform(0.3, 0.9, [made.sizes[dim] for dim in dims]),
             {dim: made[dim] for dim in dims},
@@ -62,7 +62,7 @@ def cube(values: np.random.Generator) -> xr.Dataset:
         for name, (dims, _, _) in VARIABLES.items()
         if name != "skill"
     }
-    return with_baselines(made, found)
+    return with_baselines(made, variables)
 
 
 def excluded(made: xr.Dataset, *, blank: bool) -> xr.Dataset:

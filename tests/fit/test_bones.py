@@ -72,35 +72,41 @@ def test_what_no_landmark_marks_is_nearer_to_the_own_jaw(fitted, jaw, own, name,
 def test_surfaces_are_reached_and_masses_follow_their_volumes(fitted, jaw, own):
     last = fitted.distance[fitted.distance["stage"] == "fitted"].set_index("body")["mean"]
     assert (last < 0.5).all()
-    generic, found, true = (surfaces_of(m) for m in (jaw, fitted.jaw, own))
+    generic, reached, true = (surfaces_of(m) for m in (jaw, fitted.jaw, own))
     mass = fitted.jaw["body_mass"].sel(body="jaw").item()
-    ratio = surface_volume(found["jaw"]) / surface_volume(generic["jaw"])
+    ratio = surface_volume(reached["jaw"]) / surface_volume(generic["jaw"])
     assert mass == pytest.approx(ratio * jaw["body_mass"].sel(body="jaw").item())
-    assert surface_volume(found["jaw"]) == pytest.approx(surface_volume(true["jaw"]), rel=0.03)
-    assert surface_volume(found["hyoid"]) == pytest.approx(surface_volume(true["hyoid"]), rel=0.03)
+    assert surface_volume(reached["jaw"]) == pytest.approx(surface_volume(true["jaw"]), rel=0.03)
+    assert surface_volume(reached["hyoid"]) == pytest.approx(
+        surface_volume(true["hyoid"]), rel=0.03
+    )
 
 
 def test_a_similarity_carries_every_quantity_in_closed_form(jaw):
     s, R = 1.2, Rotation.from_rotvec([0.2, -0.3, 0.1]).as_matrix()
     t = np.array([0.01, -0.02, 0.03])
-    found = moved_jaw(jaw, SmoothMap(Similarity(s, R, t)))
+    displaced = moved_jaw(jaw, SmoothMap(Similarity(s, R, t)))
     for name in ("muscle_position", "joint_origin", "surface_position"):
-        np.testing.assert_allclose(found[name].values, s * jaw[name].values @ R.T + t, atol=1e-12)
+        np.testing.assert_allclose(
+            displaced[name].values, s * jaw[name].values @ R.T + t, atol=1e-12
+        )
     curves = jaw["joint_kind"].values == 1
     for name, own in (("joint_normal", slice(None)), ("joint_forward", curves)):
-        np.testing.assert_allclose(found[name].values[own], jaw[name].values[own] @ R.T, atol=1e-9)
-    np.testing.assert_allclose(found["body_mass"], s**3 * jaw["body_mass"], rtol=1e-9)
+        np.testing.assert_allclose(
+            displaced[name].values[own], jaw[name].values[own] @ R.T, atol=1e-9
+        )
+    np.testing.assert_allclose(displaced["body_mass"], s**3 * jaw["body_mass"], rtol=1e-9)
     inertia = s**5 * np.einsum("ij,bjk,lk->bil", R, jaw["body_inertia"].values, R)
-    np.testing.assert_allclose(found["body_inertia"].values, inertia, rtol=1e-7, atol=1e-18)
+    np.testing.assert_allclose(displaced["body_inertia"].values, inertia, rtol=1e-7, atol=1e-18)
     np.testing.assert_allclose(
-        found["spring_rest_length"], s * jaw["spring_rest_length"], rtol=1e-12
+        displaced["spring_rest_length"], s * jaw["spring_rest_length"], rtol=1e-12
     )
     # the curve is the same shape, larger: height(s x) = s height(x)
     x = 0.7 * jaw["joint_length"].values[:, None] ** np.arange(4)
     height = (jaw["joint_curve"].values * x).sum(axis=1)
-    scaled = 0.7 * found["joint_length"].values[:, None] ** np.arange(4)
+    scaled = 0.7 * displaced["joint_length"].values[:, None] ** np.arange(4)
     np.testing.assert_allclose(
-        (found["joint_curve"].values * scaled).sum(axis=1), s * height, rtol=1e-9, atol=1e-15
+        (displaced["joint_curve"].values * scaled).sum(axis=1), s * height, rtol=1e-9, atol=1e-15
     )
 
 
@@ -117,12 +123,12 @@ def test_a_squeezed_body_has_the_inertia_of_its_surface(jaw):
     given = jaw.copy(deep=True)
     given["body_mass"].values[k], given["body_inertia"].values[k] = solid.mass, solid.inertia
     given["body_centre"].values[k] = solid.centre
-    found = moved_jaw(given, Squeeze(Similarity(1.0, np.eye(3), np.zeros(3))))
-    after = surfaces_of(found)["jaw"]
+    displaced = moved_jaw(given, Squeeze(Similarity(1.0, np.eye(3), np.zeros(3))))
+    after = surfaces_of(displaced)["jaw"]
     expected = sim.body_of_surface("jaw", after.points, after.triangles, 1000.0)
-    assert found["body_mass"].values[k] == pytest.approx(expected.mass, rel=1e-9)
-    np.testing.assert_allclose(found["body_centre"].values[k], expected.centre, atol=1e-9)
-    np.testing.assert_allclose(found["body_inertia"].values[k], expected.inertia, atol=1e-11)
+    assert displaced["body_mass"].values[k] == pytest.approx(expected.mass, rel=1e-9)
+    np.testing.assert_allclose(displaced["body_centre"].values[k], expected.centre, atol=1e-9)
+    np.testing.assert_allclose(displaced["body_inertia"].values[k], expected.inertia, atol=1e-11)
 
 
 def test_a_fitted_jaw_runs(fitted):
@@ -135,17 +141,17 @@ def test_a_fitted_jaw_runs(fitted):
 
 def test_bones_alone_are_found_without_landmarks(jaw, own):
     scans = {n: (s.points, s.triangles) for n, s in surfaces_of(own).items() if n == "jaw"}
-    found = fit_jaw(jaw, surfaces=scans, simulated=True)
-    assert found.distance["mean"].iloc[-1] < 0.5
-    assert not len(found.landmarks)
+    fit = fit_jaw(jaw, surfaces=scans, simulated=True)
+    assert fit.distance["mean"].iloc[-1] < 0.5
+    assert not len(fit.landmarks)
 
 
 def test_a_surface_inside_out_is_turned(jaw, inputs):
     marks, scans = inputs
     points, triangles = scans["jaw"]
-    found = fit_jaw(jaw, landmarks=marks, surfaces={"jaw": (points, triangles[:, ::-1])})
-    assert any("turned" in note for note in found.notes)
-    assert found.distance["mean"].iloc[-1] < 0.5
+    fit = fit_jaw(jaw, landmarks=marks, surfaces={"jaw": (points, triangles[:, ::-1])})
+    assert any("turned" in note for note in fit.notes)
+    assert fit.distance["mean"].iloc[-1] < 0.5
 
 
 def _refusals(inputs):
@@ -174,8 +180,8 @@ def test_inputs_that_cannot_be_right_are_refused(jaw, inputs, name):
         fit_jaw(jaw, landmarks=marks, surfaces=scans, simulated=True)
 
 
-@pytest.mark.parametrize(("forward", "told"), [(0.0, False), (4e-3, True)])
-def test_landmarks_and_surfaces_of_two_poses_are_told(jaw, inputs, own, forward, told):
+@pytest.mark.parametrize(("forward", "warned"), [(0.0, False), (4e-3, True)])
+def test_landmarks_and_surfaces_of_two_poses_are_reported(jaw, inputs, own, forward, warned):
     """The smooth map bent the jaw between them, silently."""
     marks, scans = inputs
     rng = np.random.default_rng(SEED)
@@ -183,14 +189,14 @@ def test_landmarks_and_surfaces_of_two_poses_are_told(jaw, inputs, own, forward,
     points, triangles = scans["jaw"]
     scan = points + forward * MOTION[0][:, 1], triangles
     notes = fit_jaw(jaw, landmarks=noisy, surfaces={"jaw": scan}, simulated=True).notes
-    assert any("same person, pose and frame" in note for note in notes) == told
+    assert any("same person, pose and frame" in note for note in notes) == warned
 
 
 def test_small_bodies_may_have_a_surface(jaw, inputs, own):
     """A cricoid of 30 mm was refused as too small for a face."""
     cricoid = surfaces_of(own)["cricoid"]
     scan = _moved(cricoid.points), cricoid.triangles
-    found = fit_jaw(jaw, landmarks=inputs[0], surfaces={"cricoid": scan}, simulated=True)
-    assert found.distance["mean"].iloc[-1] < 0.5
+    fit = fit_jaw(jaw, landmarks=inputs[0], surfaces={"cricoid": scan}, simulated=True)
+    assert fit.distance["mean"].iloc[-1] < 0.5
     with pytest.raises(FitError, match="cricoid has an extent of .* mm, expected 1. to 600 mm"):
         fit_jaw(jaw, landmarks=inputs[0], surfaces={"cricoid": (0.1 * scan[0], scan[1])})

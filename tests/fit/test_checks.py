@@ -46,8 +46,8 @@ def test_a_wrong_motion_misses_the_check(shared, monkeypatch) -> None:
     right = module.similarity
 
     def wrong(*given, **named):
-        found = right(*given, **named)
-        return type(found)(found.scale, found.rotation, found.shift + 1e-6)
+        transform = right(*given, **named)
+        return type(transform)(transform.scale, transform.rotation, transform.shift + 1e-6)
 
     monkeypatch.setattr(module, "similarity", wrong)
     rows = closed_forms(starts=1)

@@ -44,21 +44,22 @@ def _bundle(course, radius=RADIUS, n=400, seed=1):
 
 def test_a_bundle_replaces_the_course_and_its_spread_is_the_radius(face):
     course = _course(face)
-    found = with_course(face, "ZYG_L", _bundle(course))
+    replaced = with_course(face, "ZYG_L", _bundle(course))
     from emgface.face.bundles import distance_to_fibres
 
-    assert distance_to_fibres(found.fibres[0], [course]).max() < 0.5e-3
-    assert found.radius == pytest.approx(RADIUS, rel=0.06)
-    assert 1e-3 < found.away < 4e-3
+    assert distance_to_fibres(replaced.fibres[0], [course]).max() < 0.5e-3
+    assert replaced.radius == pytest.approx(RADIUS, rel=0.06)
+    assert 1e-3 < replaced.away < 4e-3
     for muscle in face["muscle"].values:
         same = np.array_equal(
-            np.sort(elements_of(face, str(muscle))), np.sort(elements_of(found.face, str(muscle)))
+            np.sort(elements_of(face, str(muscle))),
+            np.sort(elements_of(replaced.face, str(muscle))),
         )
         assert same == (muscle != "ZYG_L")
-    assert fibres_of(found.face, "ZYG_R")[0] == pytest.approx(fibres_of(face, "ZYG_R")[0])
-    own = found.face["bundle_muscle"].values == list(face["muscle"].values).index("ZYG_L")
+    assert fibres_of(replaced.face, "ZYG_R")[0] == pytest.approx(fibres_of(face, "ZYG_R")[0])
+    own = replaced.face["bundle_muscle"].values == list(face["muscle"].values).index("ZYG_L")
     chord = course[-1] - course[0]
-    cosine = found.face["bundle_direction"].values[own] @ (chord / np.linalg.norm(chord))
+    cosine = replaced.face["bundle_direction"].values[own] @ (chord / np.linalg.norm(chord))
     assert np.abs(cosine).min() > 0.8
 
 
@@ -108,8 +109,8 @@ def test_files_are_read_in_the_frame_of_the_patient(face, ending, tmp_path):
     fitted = face.assign_attrs(
         fit_frame=json.dumps([*np.column_stack([np.eye(3), np.zeros(3)]).ravel()])
     )
-    found = with_course(fitted, "ZYG_L", path)
-    assert read.digest in found.face.attrs["fit_inputs"]
+    replaced = with_course(fitted, "ZYG_L", path)
+    assert read.digest in replaced.face.attrs["fit_inputs"]
     with pytest.raises(FitError, match="no attribute fit_frame"):
         with_course(face, "ZYG_L", path)
     whole = path.read_bytes()

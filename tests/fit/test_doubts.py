@@ -16,7 +16,7 @@ SIX = "corner_left", "corner_right", "forehead_left", "temple_right", "nasion", 
 LIPS = re.compile("corner|upper|lower|stomion")
 
 
-def told(face, landmarks, **surfaces) -> str:
+def doubts_text(face, landmarks, **surfaces) -> str:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         ef.fit(face, landmarks=landmarks, **surfaces)
@@ -47,12 +47,12 @@ def face():
     ],
 )
 def test_doubtful_landmarks_are_warned_of(face, change, expected):
-    assert expected in told(face, change(points_of_face(face)))
+    assert expected in doubts_text(face, change(points_of_face(face)))
 
 
 @pytest.mark.parametrize("scale", [0.8, 1.0, 1.3])
 def test_landmarks_of_children_and_adults_are_not_doubted(face, scale):
-    assert told(face, {k: scale * v for k, v in points_of_face(face).items()}) == ""
+    assert doubts_text(face, {k: scale * v for k, v in points_of_face(face).items()}) == ""
 
 
 @pytest.fixture(scope="module")
@@ -64,10 +64,10 @@ def surfaces(face):
 def test_a_scan_in_another_pose_than_its_landmarks_is_doubted(face, surfaces):
     points, triangles = surfaces["skin"]
     marks, middle = points_of_face(face), points.mean(axis=0)
-    assert told(face, marks, skin=surfaces["skin"]) == ""
+    assert doubts_text(face, marks, skin=surfaces["skin"]) == ""
     turn = Rotation.from_rotvec([0.17, 0.0, 0.0]).as_matrix()
     turned = (points - middle) @ turn.T + middle
-    assert "same scan and pose" in told(face, marks, skin=(turned, triangles))
+    assert "same scan and pose" in doubts_text(face, marks, skin=(turned, triangles))
 
 
 @pytest.mark.parametrize("kind", ["inner", "bone"])
@@ -78,12 +78,12 @@ def test_the_skin_is_refused_as_a_surface_beneath_it(face, surfaces, kind):
 
 @pytest.mark.parametrize("kind", ["inner", "bone"])
 @pytest.mark.parametrize("turned", [False, True])
-def test_bone_and_inner_surface_are_told_apart_by_their_sides(face, surfaces, kind, turned):
+def test_bone_and_inner_surface_are_reported_apart_by_their_sides(face, surfaces, kind, turned):
     """Bone given as inner moved the inner surface by 3 mm, silently: its triangles face the tissue."""
     points, triangles = surfaces["inner"]
     outward = triangles if kind == "inner" else triangles[:, ::-1]
     scan = points, outward[:, ::-1] if turned else outward
-    said = told(face, points_of_face(face), skin=surfaces["skin"], **{kind: scan})
+    said = doubts_text(face, points_of_face(face), skin=surfaces["skin"], **{kind: scan})
     assert (f"given as {kind}, face the other way" in said) == turned
     assert bool(said) == turned
 

@@ -66,20 +66,20 @@ def test_bones_and_a_surface_bring_the_tongue_to_that_of_the_person(parts, tongu
     used, corner = np.unique(skin, return_inverse=True)
     scan = _moved(own["position"].values[used]), corner.reshape(-1, 3).astype(np.int64)
     by_bones = fit_tongue(tongue, generic, models["jaw"]).tongue
-    found = fit_tongue(tongue, generic, models["jaw"], surface=scan).tongue
+    fit = fit_tongue(tongue, generic, models["jaw"], surface=scan).tongue
     truth = _truth(models["jaw"], own["position"].values)
     errors = [
         np.median(np.linalg.norm(t["position"].values - truth, axis=1))
-        for t in (tongue, by_bones, found)
+        for t in (tongue, by_bones, fit)
     ]
     assert errors[1] < 0.5 * errors[0] and errors[2] < 0.4 * errors[0], errors
-    for one in (by_bones, found):
+    for one in (by_bones, fit):
         quality = element_quality(one["position"].values, one["connectivity"].values)
         assert (quality.smallest_det > 0).all()
         assert one.attrs["origin"] == "fitted" and one.attrs["fit_of"] == "simulated"
     for name in ("connectivity", "bundle_index", "attachment_node", "exciter_gain"):
-        np.testing.assert_array_equal(found[name].values, tongue[name].values)
-    fibres = [t["fibre_position"].values for t in (tongue, found, own)]
+        np.testing.assert_array_equal(fit[name].values, tongue[name].values)
+    fibres = [t["fibre_position"].values for t in (tongue, fit, own)]
     start, end = (
         np.median(np.linalg.norm(f - _truth(models["jaw"], fibres[2]), axis=1)) for f in fibres[:2]
     )
@@ -112,8 +112,8 @@ def test_parts_that_do_not_belong_together_are_refused(parts):
         HeadError, match="face, jaw are fitted to a person, but the tongue would be"
     ):
         build_head(models=models)
-    told = "then the jaw with that face as --frame .* give --model jaw=FILE --model tongue=FILE"
-    with pytest.raises(HeadError, match=f"{told}, or build only --parts face$"):
+    text = "then the jaw with that face as --frame .* give --model jaw=FILE --model tongue=FILE"
+    with pytest.raises(HeadError, match=f"{text}, or build only --parts face$"):
         build_head(models={"face": models["face"]})
     with pytest.raises(HeadError, match="the jaw would be generated"):  # it was built silently
         build_head(["face", "jaw"], models={"face": models["face"]})
@@ -193,8 +193,8 @@ def test_commands_fit_every_part_and_build_the_head(tongues, tmp_path, monkeypat
         ),
     ):
         done = CliRunner().invoke(app, shlex.split(refused))
-        told = " ".join(f"{done.output} {done.exception}".replace("│", "").split())
-        assert done.exit_code != 0 and why in told, (refused, told)
+        sentence = " ".join(f"{done.output} {done.exception}".replace("│", "").split())
+        assert done.exit_code != 0 and why in sentence, (refused, sentence)
         assert not (tmp_path / "x.nc").exists()
 
 

@@ -33,9 +33,9 @@ def test_bias_is_removed():
     biased = image * 1.0
     wrong = SimpleITK.GetImageFromArray((_values(image) * field).astype(np.float32))
     wrong.CopyInformation(biased)
-    found = _values(without_bias(wrong))
+    corrected = _values(without_bias(wrong))
     tissue = np.abs(intensity(points) - 100.0) < 2.0
-    before, after = (v[tissue].std() / v[tissue].mean() for v in (_values(wrong), found))
+    before, after = (v[tissue].std() / v[tissue].mean() for v in (_values(wrong), corrected))
     assert after < 0.4 * before and after < 0.08, (before, after)
     with pytest.raises(FitError, match="negative or no values"):
         without_bias(wrong - 1e4)
@@ -54,20 +54,20 @@ def test_three_stacks_are_combined_by_fiducials():
         noisy = points @ turn.T + shift + 0.1e-3 * rng.standard_normal(points.shape)
         marks.append({f"f{i}": p for i, p in enumerate(noisy)})
         truth.append((turn, shift))
-    found, motions = combined_stacks(stacks, marks, 0.6e-3)
+    combined, motions = combined_stacks(stacks, marks, 0.6e-3)
     inner = CENTRE + rng.uniform(-1.0, 1.0, (200, 3)) * RADII
     for motion, (turn, shift) in zip(motions, truth, strict=True):
         off = np.linalg.norm(motion(inner @ turn.T + shift) - inner, axis=1)
         assert 1e3 * off.mean() < 0.2  # target registration error
-    one = SimpleITK.Resample(stacks[0], found, SimpleITK.Transform(), SimpleITK.sitkLinear, 0.0)
-    size = found.GetSize()
+    one = SimpleITK.Resample(stacks[0], combined, SimpleITK.Transform(), SimpleITK.sitkLinear, 0.0)
+    size = combined.GetSize()
     index = np.stack(np.meshgrid(*(np.arange(n) for n in size[::-1]), indexing="ij"), axis=-1)[
         ..., ::-1
     ]
-    D = np.array(found.GetDirection()).reshape(3, 3) * np.array(found.GetSpacing())
-    wanted = intensity(1e-3 * (index @ D.T + np.array(found.GetOrigin())))
+    D = np.array(combined.GetDirection()).reshape(3, 3) * np.array(combined.GetSpacing())
+    wanted = intensity(1e-3 * (index @ D.T + np.array(combined.GetOrigin())))
     core = tuple(slice(n // 6, -n // 6) for n in wanted.shape)
-    errors = [np.sqrt(((_values(v) - wanted)[core] ** 2).mean()) for v in (found, one)]
+    errors = [np.sqrt(((_values(v) - wanted)[core] ** 2).mean()) for v in (combined, one)]
     assert errors[0] < 0.85 * errors[1], errors
     mirrored = {k: p * [-1.0, 1.0, 1.0] for k, p in marks[0].items()}
     with pytest.raises(FitError, match="are mirrored, or differ"):
@@ -83,9 +83,9 @@ def test_mutual_information_finds_a_motion_and_the_inverse_contrast():
     fixed, _ = stack(np.full(3, 1.5e-3), np.eye(3))
     moving, _ = stack(np.full(3, 1.5e-3), np.eye(3), (turn, shift), seed=1)
     contrast = (moving - 120.0) * (moving - 120.0) * 0.01
-    found = registered_images(fixed, contrast)
+    registered = registered_images(fixed, contrast)
     points = CENTRE + np.random.default_rng(1).uniform(-1.0, 1.0, (200, 3)) * RADII
-    off = np.linalg.norm(found.motion(points @ turn.T + shift) - points, axis=1)
+    off = np.linalg.norm(registered.motion(points @ turn.T + shift) - points, axis=1)
     before = np.linalg.norm(points @ turn.T + shift - points, axis=1)
     assert 1e3 * off.mean() < 0.5 and off.mean() < 0.2 * before.mean(), 1e3 * off.mean()
     far = image_of(_values(fixed), np.diag([1.5e-3, 1.5e-3, 1.5e-3, 1.0]) + np.eye(4, k=3) * 5.0)
@@ -105,8 +105,8 @@ def test_a_contour_follows_the_edge_between_few_clicks():
     clicks = np.stack(
         [np.searchsorted(x[1], edge[:, 1]), np.searchsorted(x[0], edge[:, 0])], axis=1
     )
-    found = contour_through(values, clicks)
-    at = np.stack([x[0][found[:, 1]], x[1][found[:, 0]]], axis=1)
+    contour = contour_through(values, clicks)
+    at = np.stack([x[0][contour[:, 1]], x[1][contour[:, 0]]], axis=1)
     off = np.abs(np.linalg.norm((at - CENTRE[:2]) / rim, axis=1) - 1.0) * rim.mean()
     assert 1e3 * off.mean() < 1.0 and 1e3 * off.max() < 2.5
     with pytest.raises(FitError, match="outside the slice"):
@@ -172,13 +172,13 @@ def test_the_command_labels_parts_of_three_stacks(tmp_path, monkeypatch):
     assert np.median(r) == pytest.approx(1.0, abs=0.02)
 
 
-def test_a_small_part_keeps_its_size_in_noise_and_beside_another():
+def test_a_small_part_keeps_its_size_in_noise_and_next_to_another():
     """A cavity of 10 mm in cubes of 1 mm, with the noise of a fifth of its contrast."""
     image, points = stack(np.full(3, 1e-3), np.eye(3), noise=18.0)
     r = np.linalg.norm((points - CLICKS["cavity"]) / (0.25 * RADII), axis=-1)
-    found = region_around(image, [CLICKS["cavity"].tolist()])
-    assert _dice(found, r < 1.0) > 0.9, _dice(found, r < 1.0)
-    assert found.sum() == pytest.approx((r < 1.0).sum(), rel=0.1)
+    region = region_around(image, [CLICKS["cavity"].tolist()])
+    assert _dice(region, r < 1.0) > 0.9, _dice(region, r < 1.0)
+    assert region.sum() == pytest.approx((r < 1.0).sum(), rel=0.1)
 
 
 def test_clicks_and_labels_that_cannot_be_are_refused(tmp_path, monkeypatch):

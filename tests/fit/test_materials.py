@@ -46,31 +46,31 @@ def test_small_forces_approach_those_of_a_half_space():
     excess = []
     for elements in (8, 12, 16):
         block = Block(width=60e-3, depth=30e-3, elements=elements)
-        found = probe_forces(block, material, dict.fromkeys(exact, [d]))
-        excess.append([found[name][0] / exact[name] - 1.0 for name in exact])
+        forces = probe_forces(block, material, dict.fromkeys(exact, [d]))
+        excess.append([forces[name][0] / exact[name] - 1.0 for name in exact])
     assert (np.diff(excess, axis=0) < 0.0).all() and (np.array(excess) > 0.0).all()
     assert max(excess[-1]) < 0.45, excess
 
 
 def test_two_directions_identify_three_parameters():
     curves = _curves(SOFT, ("inward", "along"), 0.03)
-    found = fit_material(_model(curves), {"c10": 1000.0, "c20": 1000.0, "kappa": 1e5}, curves)
-    assert found.parameters["identified"].all() and "All parameters" in found.statement
-    assert 0.015 < found.nrmse < 0.05
+    fit = fit_material(_model(curves), {"c10": 1000.0, "c20": 1000.0, "kappa": 1e5}, curves)
+    assert fit.parameters["identified"].all() and "All parameters" in fit.statement
+    assert 0.015 < fit.nrmse < 0.05
     for name, value in SOFT.items():
-        low, high = found.parameters.loc[name, ["lower", "upper"]]
+        low, high = fit.parameters.loc[name, ["lower", "upper"]]
         assert low * 0.8 < value < high * 1.25
-    assert found["c10"] == pytest.approx(2500.0, rel=0.1)
+    assert fit["c10"] == pytest.approx(2500.0, rel=0.1)
 
 
 def test_one_indentation_does_not_identify_them():
     """Negative control: the curve is fitted as well, and the parameters remain unknown."""
     curves = _curves(SOFT, ("inward",), 0.03)
-    found = fit_material(_model(curves), {"c10": 1500.0, "c20": 1500.0, "kappa": 5e4}, curves)
-    assert found.nrmse < 0.05
-    assert not found.parameters.loc["kappa", "identified"]
-    assert "do not identify" in found.statement and "kappa" in found.statement
-    assert found.condition > 100.0
+    fit = fit_material(_model(curves), {"c10": 1500.0, "c20": 1500.0, "kappa": 5e4}, curves)
+    assert fit.nrmse < 0.05
+    assert not fit.parameters.loc["kappa", "identified"]
+    assert "do not identify" in fit.statement and "kappa" in fit.statement
+    assert fit.condition > 100.0
 
 
 def test_intervals_contain_the_truth_as_often_as_stated():

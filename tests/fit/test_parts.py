@@ -25,16 +25,16 @@ def test_similarity_recovers_a_known_motion(scale, seed):
     points = rng.normal(size=(12, 3))
     R = Rotation.random(random_state=seed).as_matrix()
     t = rng.normal(size=3)
-    found = similarity(points, scale * points @ R.T + t)
-    assert found.scale == pytest.approx(scale, abs=1e-12)
-    np.testing.assert_allclose(found.rotation, R, atol=1e-12)
-    np.testing.assert_allclose(found.shift, t, atol=1e-12)
+    transform = similarity(points, scale * points @ R.T + t)
+    assert transform.scale == pytest.approx(scale, abs=1e-12)
+    np.testing.assert_allclose(transform.rotation, R, atol=1e-12)
+    np.testing.assert_allclose(transform.shift, t, atol=1e-12)
 
 
 def test_similarity_never_reflects():
     points = RNG.normal(size=(20, 3))
-    found = similarity(points, points * [-1.0, 1.0, 1.0])
-    assert np.linalg.det(found.rotation) == pytest.approx(1.0)
+    transform = similarity(points, points * [-1.0, 1.0, 1.0])
+    assert np.linalg.det(transform.rotation) == pytest.approx(1.0)
     mirror = similarity(points, points * [-1.0, 1.0, 1.0], mirrored=True)
     np.testing.assert_allclose(mirror(points), points * [-1.0, 1.0, 1.0], atol=1e-12)
 
@@ -83,13 +83,13 @@ def test_springs_have_the_force_and_stiffness_of_their_energy():
 
 def test_corners_have_the_jacobians_of_the_elements(generic):
     q, connectivity = generic["position"].values, generic["connectivity"].values.astype(np.int64)
-    corners = Corners.of(connectivity)
+    corners = Corners.from_elements(connectivity)
     smallest = np.full(len(connectivity), np.inf)
     np.minimum.at(smallest, corners.element, corners.scaled_jacobians(q))
     # the measure of the elements also has the centre of hexahedra
     assert (smallest >= element_quality(q, connectivity).scaled_jacobian - 1e-12).all()
     cube = np.array([[[i, j, k] for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))] for k in (0, 1)])
-    one = Corners.of(np.arange(8)[None])
+    one = Corners.from_elements(np.arange(8)[None])
     np.testing.assert_allclose(one.scaled_jacobians(cube.reshape(8, 3).astype(float)), 1.0)
 
 
@@ -130,14 +130,14 @@ def test_holes_of_a_scan_are_not_paired_with_contours(generic):
 
 
 def test_columns_join_skin_and_inner_surface(generic):
-    columns = Columns.of(generic)
+    columns = Columns.from_face(generic)
     own = sheets(generic)
     assert set(columns.skin) == set(own["skin"].nodes)
     assert set(columns.inner) == set(own["inner"].nodes)
 
 
 def test_the_interval_contains_nine_of_ten_log_normal_thicknesses(generic):
-    columns = Columns.of(generic)
+    columns = Columns.from_face(generic)
     X = generic["position"].values
     prior = ThicknessPrior.scaled(columns, X, 1.1, np.zeros(0, dtype=np.int64))
     np.testing.assert_allclose(prior.mean, 1.1 * columns.thickness(X))
@@ -153,7 +153,7 @@ def test_the_spread_of_thickness_is_that_of_soft_tissue_without_the_skin():
 
 def test_springs_of_a_column_reach_its_thickness_and_push_nothing(generic):
     """Springs to fixed places carried tissue that no scan holds away, by 8 mm at the temples."""
-    columns, X = Columns.of(generic), generic["position"].values
+    columns, X = Columns.from_face(generic), generic["position"].values
     area = sheets(generic)["skin"].at(X).point_areas
     prior = ThicknessPrior.scaled(columns, X, 1.0, np.zeros(0, dtype=np.int64), 1.0)
     rows = prior.rows(X, area)

@@ -75,29 +75,29 @@ def test_a_face_fitted_to_itself_does_not_move(generic):
 
     X = generic["position"].values
     own = sheets(generic)
-    found = fit_face(
+    fit = fit_face(
         generic, points_of_face(generic), skin=(X, own["skin"].triangles),
         inner=(X, own["inner"].triangles), simulated=True,
     )  # fmt: skip
-    moved = np.linalg.norm(found.face["position"].values - X, axis=1)
+    moved = np.linalg.norm(fit.face["position"].values - X, axis=1)
     # contours are polygons with corners, and may slide along themselves
     assert np.median(moved) < 1e-4 and np.quantile(moved, 0.95) < 3e-4
 
 
 def test_landmarks_alone_give_a_face(generic, person):
-    found = fit_face(generic, person.landmarks, simulated=True)
-    check_face(found.face)
-    assert found.landmarks["error"].median() < 1.5
-    assert not len(found.distance)
+    fit = fit_face(generic, person.landmarks, simulated=True)
+    check_face(fit.face)
+    assert fit.landmarks["error"].median() < 1.5
+    assert not len(fit.distance)
 
 
 def test_thickness_follows_the_prior_without_an_inner_surface(generic, person):
     skin = person.surface()
-    found = fit_face(generic, person.landmarks, skin=(skin.points, skin.triangles), simulated=True)
-    assert found.prior is not None
-    ratio = found.thickness["after"] / (1e3 * found.prior.mean)
+    fit = fit_face(generic, person.landmarks, skin=(skin.points, skin.triangles), simulated=True)
+    assert fit.prior is not None
+    ratio = fit.thickness["after"] / (1e3 * fit.prior.mean)
     assert np.median(ratio) == pytest.approx(1.0, abs=0.05)
-    assert (found.thickness["low"] < found.thickness["high"]).all()
+    assert (fit.thickness["low"] < fit.thickness["high"]).all()
 
 
 def _mirrored(marks):
@@ -144,8 +144,8 @@ def test_a_scan_in_another_frame_or_inside_out_is_noticed(generic, person):
     skin = person.surface()
     with pytest.raises(FitError, match="mm from"):
         fit_face(generic, person.landmarks, skin=(skin.points * [-1, -1, 1], skin.triangles))
-    found = fit_face(generic, person.landmarks, skin=(skin.points, skin.triangles[:, ::-1]))
-    assert any("turned" in note for note in found.notes)
+    fit = fit_face(generic, person.landmarks, skin=(skin.points, skin.triangles[:, ::-1]))
+    assert any("turned" in note for note in fit.notes)
 
 
 def test_command_and_function_give_the_same_face(tmp_path, generic, person):

@@ -1,4 +1,4 @@
-"""Scans in another pose and of an unexpected shape are told, sound ones are not; tips of faces."""
+"""Scans in another pose and of an unexpected shape are reported, sound ones are not; tips of faces."""
 
 import re
 
@@ -52,8 +52,8 @@ def landmarks(face, noise=0.0, seed=0) -> LandmarkPoints:
 def test_a_scan_that_was_moved_by_millimetres_is_doubted(face, shift):
     skin = sheets(face)["skin"].at(face["position"].values)
     moved = Surface(skin.points + 1e-3 * np.array(shift), skin.triangles)
-    told = check_landmarks_on(moved, landmarks(face, NOISE), "scan.ply", NOISE)
-    assert told is not None and "common motion" in told
+    sentence = check_landmarks_on(moved, landmarks(face, NOISE), "scan.ply", NOISE)
+    assert sentence is not None and "common motion" in sentence
 
 
 def test_landmarks_with_their_noise_are_not_doubted(face):
@@ -62,7 +62,7 @@ def test_landmarks_with_their_noise_are_not_doubted(face):
         assert check_landmarks_on(skin, landmarks(face, NOISE, seed), "scan.ply", NOISE) is None
 
 
-def test_one_landmark_beside_the_scan_is_no_motion(face):
+def test_one_landmark_off_the_scan_is_no_motion(face):
     skin, points = sheets(face)["skin"].at(face["position"].values), landmarks(face, NOISE)
     points.target[points.names.index("pronasale")] += [0.0, 8e-3, 0.0]
     assert check_landmarks_on(skin, points, "scan.ply", NOISE) is None
@@ -85,13 +85,15 @@ def bumped(skin: Surface, height: float) -> Surface:
 
 
 @pytest.mark.parametrize(("height", "is_told"), [(0.0, False), (0.004, False), (0.03, True)])
-def test_a_part_of_a_scan_far_from_its_expected_place_is_told_with_its_place(face, height, is_told):
+def test_a_part_of_a_scan_far_from_its_expected_place_is_reported_with_its_place(
+    face, height, is_told
+):
     nodes, sheet = face["position"].values, sheets(face)["skin"]
     target = Target("skin", sheet, bumped(sheet.at(nodes), height))
-    told = unexpected_part(target, nodes, landmarks(face), NOISE, 0.0, "scan.ply")
-    assert (told is not None) == is_told
-    if told:
-        assert re.match(r"scan.ply has a part \d\d mm from .*, nearest to landmark \w+", told)
+    text = unexpected_part(target, nodes, landmarks(face), NOISE, 0.0, "scan.ply")
+    assert (text is not None) == is_told
+    if text:
+        assert re.match(r"scan.ply has a part \d\d mm from .*, nearest to landmark \w+", text)
 
 
 def test_bone_is_compared_by_the_nodes_it_attracts(face):
@@ -100,8 +102,8 @@ def test_bone_is_compared_by_the_nodes_it_attracts(face):
     for away, is_told in ((0.0, False), (0.03, True)):
         moved = Surface(surface.points - [0.0, away, 0.0], surface.triangles)
         target = Target("bone", sheet, moved, sheet.nodes[::7], -1.0)
-        told = unexpected_part(target, nodes, landmarks(face), NOISE, 1.5e-3, "bone.stl")
-        assert (told is not None) == is_told
+        text = unexpected_part(target, nodes, landmarks(face), NOISE, 1.5e-3, "bone.stl")
+        assert (text is not None) == is_told
 
 
 @pytest.mark.parametrize(
@@ -144,14 +146,14 @@ def test_a_treated_face_is_not_fitted(generic, person):
         fit_face(treated, person.landmarks)
 
 
-def test_a_second_layer_of_a_scan_is_told():
+def test_a_second_layer_of_a_scan_is_reported():
     """A copy shifted by 3 mm is; two halves apart from each other, or a wall behind, are not."""
     skin = person_of(5).surface()
     x, t = skin.points, skin.triangles
     both = np.concatenate([t, t + len(x)])
     doubled = Surface(np.concatenate([x, x + [0.0, 3e-3, 0.0]]), both)
-    told = second_layer(doubled, "scan.ply")
-    assert told is not None and "second layer 2" in told
+    sentence = second_layer(doubled, "scan.ply")
+    assert sentence is not None and "second layer 2" in sentence
     wall = Surface(
         np.concatenate([x, x + [0.0, 3e-3, 0.0]]), np.concatenate([t, t[:, ::-1] + len(x)])
     )
@@ -162,7 +164,7 @@ def test_a_second_layer_of_a_scan_is_told():
 
 
 @pytest.mark.parametrize("kind", ["inner", "bone"])
-def test_a_surface_beneath_the_skin_of_another_person_is_told(generic, kind):
+def test_a_surface_beneath_the_skin_of_another_person_is_reported(generic, kind):
     """The skin of one person with the inner surface of another was fitted silently, by 1.9 mm wrong."""
     group = [person_of(1000 + k, "coarse") for k in range(3)]
     rng = np.random.default_rng(0)
@@ -172,32 +174,36 @@ def test_a_surface_beneath_the_skin_of_another_person_is_told(generic, kind):
         for b, other in enumerate(group):
             triangles = sheets(other.face)["inner"].triangles
             if kind == "bone":
-                held = other.face["fixed"].values != FREE
-                triangles = triangles[held[triangles].all(axis=1)][:, ::-1]
+                constrained = other.face["fixed"].values != FREE
+                triangles = triangles[constrained[triangles].all(axis=1)][:, ::-1]
             given = {"skin": (q, skin), kind: (other.face["position"].values, triangles)}
             scans = {name: scan_of(surface, None, name) for name, surface in given.items()}
             try:
-                told = compared_inputs(generic, landmarks_of(marks), None, scans, False, NOISE)[2]
+                sentences = compared_inputs(
+                    generic, landmarks_of(marks), None, scans, False, NOISE
+                )[2]
             except FitError as error:
-                told = [str(error)]
+                sentences = [str(error)]
             if a == b:
-                assert told == []
+                assert sentences == []
             else:
-                assert any(re.search(r"beneath the skin around|of soft tissue", t) for t in told)
+                assert any(
+                    re.search(r"beneath the skin around|of soft tissue", t) for t in sentences
+                )
 
 
 def test_landmarks_that_the_fitted_face_misses_are_named():
     names = ("nasion", "chin", "corner_left", "temple_left")
     miss = np.array([0.003, 0.0061, 0.0071, np.nan])
-    told = missed_landmarks(names, miss, NOISE)
-    assert told is not None and "2 of 3 landmarks by more than 5.0 mm" in told
-    assert "(corner_left 7.1 mm, chin 6.1 mm)" in told and "nasion" not in told
+    sentence = missed_landmarks(names, miss, NOISE)
+    assert sentence is not None and "2 of 3 landmarks by more than 5.0 mm" in sentence
+    assert "(corner_left 7.1 mm, chin 6.1 mm)" in sentence and "nasion" not in sentence
     assert missed_landmarks(names, np.array([0.0049, 0.001, 0.0, np.nan]), NOISE) is None
     assert missed_landmarks(names, miss, 1.5e-3) is None  # five deviations of a larger noise
 
 
 @pytest.mark.slow
-def test_a_fold_beside_the_corner_of_the_mouth_is_told():
+def test_a_fold_near_the_corner_of_the_mouth_is_reported():
     """Its part of the surface is where the landmarks suggest; the corner ends 7 mm from its landmark."""
     person = person_of(5)
     _, marks, points, triangles = damaged(person, 10)
@@ -260,9 +266,9 @@ def test_the_chin_is_below_the_fold_under_the_lip(seed):
     face = template_face(resolution="coarse", seed=seed)
     known = points_of_face(face)
     face.attrs = {k: v for k, v in face.attrs.items() if not k.startswith("measure_")}
-    found = points_of_face(face)
+    points = points_of_face(face)
     for name in ("pronasale", "pogonion"):
-        assert np.linalg.norm(found[name] - known[name]) < 4e-3, name
+        assert np.linalg.norm(points[name] - known[name]) < 4e-3, name
 
 
 def test_the_tip_of_the_nose_of_the_published_face_is_not_on_its_forehead(shared):
@@ -283,7 +289,7 @@ def test_a_thicker_face_ends_where_its_scan_does(generic):
     """The prior of thickness pushed the temples off the scan by 8 mm, and the fit was refused."""
     other = person_of(301)
     skin = other.surface()
-    found = fit_face(generic, other.landmarks, skin=(skin.points, skin.triangles), thickness=1.0)
-    assert judged(found.face, other, found.doubts).startswith(f"{NEAR}:")
-    reached = 1e-3 * found.thickness["after"].to_numpy() / found.prior.wanted
+    fit = fit_face(generic, other.landmarks, skin=(skin.points, skin.triangles), thickness=1.0)
+    assert judged(fit.face, other, fit.doubts).startswith(f"{NEAR}:")
+    reached = 1e-3 * fit.thickness["after"].to_numpy() / fit.prior.wanted
     assert np.median(reached) == pytest.approx(1.0, abs=0.01)

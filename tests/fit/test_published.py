@@ -50,14 +50,14 @@ def test_published_faces_are_fitted_to_each_other(shared, way):
         face = face.assign(position=(("node", "axis"), X, face["position"].attrs))
     own = sheets(face)
     scans = {name: _renumbered(B, sheet.triangles) for name, sheet in own.items()}
-    found = fit_face(
+    fit = fit_face(
         face, {name: B[node] for name, node in marks.items()},
         on_face={name: X[node] for name, node in marks.items()}, rim=True,
         **{name: (s.points, s.triangles) for name, s in scans.items()},
     )  # fmt: skip
-    q = found.face["position"].values
-    truth = found.deformed.landmarks  # the frame of the fitted face is a rigid motion of that of B
-    table = found.distance[found.distance["stage"] == "relaxed"].set_index("surface")
+    q = fit.face["position"].values
+    truth = fit.deformed.landmarks  # the frame of the fitted face is a rigid motion of that of B
+    table = fit.distance[fit.distance["stage"] == "relaxed"].set_index("surface")
     assert (table["mean"] <= 0.2).all() and (table["q95"] <= 0.7).all()
     skin = own["skin"]
     mouth = skin.triangles[np.isin(skin.triangles, lips).all(axis=1)]
@@ -72,7 +72,7 @@ def test_published_faces_are_fitted_to_each_other(shared, way):
     assert (quality.smallest_det > 0).all()
     assert (quality.scaled_jacobian >= 0.1).all()
     assert quality.scaled_jacobian.min() >= before.scaled_jacobian.min()
-    assert len(found.fibres) and distances(lip, q)["covered"] > 0.0
+    assert len(fit.fibres) and distances(lip, q)["covered"] > 0.0
 
 
 def _in_frame(points, marks, landmarks):

@@ -56,16 +56,16 @@ READABLE = {
 def test_every_format_gives_the_same_points(tmp_path, name):
     text, unit = READABLE[name]
     (tmp_path / name).write_text(text)
-    found = read_landmarks(tmp_path / name, unit=unit)
-    np.testing.assert_allclose(found.position, 1e-3 * POINTS)
-    assert found.names == (NAMES if "landmark" not in name else ("1", "2", "3"))
-    assert len(found.digest) == 64
+    landmarks = read_landmarks(tmp_path / name, unit=unit)
+    np.testing.assert_allclose(landmarks.position, 1e-3 * POINTS)
+    assert landmarks.names == (NAMES if "landmark" not in name else ("1", "2", "3"))
+    assert len(landmarks.digest) == 64
 
 
 def test_ras_is_turned_into_lps(tmp_path):
     (tmp_path / "r.mrk.json").write_text(_markups("RAS"))
-    found = read_landmarks(tmp_path / "r.mrk.json")
-    np.testing.assert_allclose(found.position, 1e-3 * POINTS * [-1.0, -1.0, 1.0])
+    landmarks = read_landmarks(tmp_path / "r.mrk.json")
+    np.testing.assert_allclose(landmarks.position, 1e-3 * POINTS * [-1.0, -1.0, 1.0])
 
 
 REFUSED = {
@@ -102,8 +102,8 @@ def test_contradicting_units_are_refused(tmp_path):
 
 
 def test_numbers_are_in_metres():
-    found = landmarks_of({"Corner left": (0.01, 0.02, 0.03), "b": (0.1, 0, 0)})
-    assert found.names == ("corner_left", "b")
+    landmarks = landmarks_of({"Corner left": (0.01, 0.02, 0.03), "b": (0.1, 0, 0)})
+    assert landmarks.names == ("corner_left", "b")
     with pytest.raises(FitError, match="three numbers"):
         landmarks_of({"a": ("x", "y", "z")})
 

@@ -21,9 +21,9 @@ def mandible() -> Surface:
     return surfaces_of(template_jaw())["jaw"]
 
 
-def _apart(found: Similarity, truth: Similarity, points: np.ndarray) -> tuple[float, float]:
-    turn = Rotation.from_matrix(found.rotation @ truth.rotation.T).magnitude()
-    return np.degrees(turn), float(np.abs(found(points) - truth(points)).max())
+def _apart(transform: Similarity, truth: Similarity, points: np.ndarray) -> tuple[float, float]:
+    turn = Rotation.from_matrix(transform.rotation @ truth.rotation.T).magnitude()
+    return np.degrees(turn), float(np.abs(transform(points) - truth(points)).max())
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -35,10 +35,10 @@ def test_closest_points_find_a_motion_from_random_starts(mandible, seed):
     shift = rng.uniform(-1, 1, 3) * 0.015 / np.sqrt(3)
     truth = Similarity(1.0, turn.as_matrix(), centre + shift - turn.as_matrix() @ centre)
     moved = Surface(truth(mandible.points), mandible.triangles)
-    found = closest_points(mandible, moved)
-    degrees, metres = _apart(found, truth, mandible.points)
+    transform = closest_points(mandible, moved)
+    degrees, metres = _apart(transform, truth, mandible.points)
     assert degrees < 0.05 and metres < 1e-4
-    assert np.linalg.det(found.rotation) == pytest.approx(1.0)
+    assert np.linalg.det(transform.rotation) == pytest.approx(1.0)
 
 
 def test_a_similarity_is_found_despite_a_hole(mandible):
@@ -47,9 +47,9 @@ def test_a_similarity_is_found_despite_a_hole(mandible):
     kept = mandible.points[mandible.triangles].mean(axis=1)[:, 0] > -0.03
     moved = Surface(truth(mandible.points), mandible.triangles[kept])
     start = closest_points(mandible, moved)
-    found = closest_points(mandible, moved, start, scaled=True)
-    assert found.scale == pytest.approx(1.06, abs=1e-3)
-    assert _apart(found, truth, mandible.points)[1] < 2e-4
+    transform = closest_points(mandible, moved, start, scaled=True)
+    assert transform.scale == pytest.approx(1.06, abs=1e-3)
+    assert _apart(transform, truth, mandible.points)[1] < 2e-4
 
 
 def test_surfaces_without_agreeing_normals_are_refused(mandible):
@@ -67,8 +67,8 @@ def test_the_published_jaw_is_found_at_its_other_position(shared):
     text = (folder / "jaw_tongue_face" / "XBadinJawToSymmetric.txt").read_text()
     rows = np.array([float(v) for v in text.strip(" []\n").split()]).reshape(4, 4)[:3]
     truth = Similarity(1.0, rows[:, :3], 1e-3 * rows[:, 3])
-    found = closest_points(scan, Surface(truth(scan.points), scan.triangles))
-    degrees, metres = _apart(found, truth, scan.points)
+    transform = closest_points(scan, Surface(truth(scan.points), scan.triangles))
+    degrees, metres = _apart(transform, truth, scan.points)
     assert degrees < 0.05 and metres < 1e-4
 
 
@@ -76,10 +76,10 @@ def test_the_smooth_map_is_the_similarity_where_nothing_deviates():
     rng = np.random.default_rng(0)
     motion = Similarity(1.1, Rotation.random(random_state=0).as_matrix(), rng.normal(size=3))
     points = 0.05 * rng.normal(size=(40, 3))
-    found = SmoothMap.through(motion, points, motion(points), np.full(40, 1e-3))
+    mapping = SmoothMap.through(motion, points, motion(points), np.full(40, 1e-3))
     far = rng.normal(size=(10, 3))
-    np.testing.assert_allclose(found(far), motion(far), atol=1e-9)
-    np.testing.assert_allclose(found.gradient(far[0]), 1.1 * motion.rotation, atol=1e-6)
+    np.testing.assert_allclose(mapping(far), motion(far), atol=1e-9)
+    np.testing.assert_allclose(mapping.gradient(far[0]), 1.1 * motion.rotation, atol=1e-6)
     # a constant deviation is kept beyond the data
     shifted = SmoothMap.through(motion, points, motion(points) + 2e-3, np.full(40, 1e-4))
     np.testing.assert_allclose(shifted(far), motion(far) + 2e-3, atol=1e-6)
@@ -93,8 +93,8 @@ def test_a_smooth_deformation_of_a_bone_is_recovered(mandible):
 
     target = Surface(bend(mandible.points), mandible.triangles)
     start = closest_points(mandible, target, scaled=True)
-    found = smooth_map(start, [(mandible, target)])
-    moved = Surface(found(mandible.points), mandible.triangles)
+    smoothed = smooth_map(start, [(mandible, target)])
+    moved = Surface(smoothed(mandible.points), mandible.triangles)
     distance = target.nearest(moved.samples[0]).distance
     before = target.nearest(start(mandible.samples[0])).distance
     assert distance.mean() < 0.2e-3 and distance.mean() < 0.15 * before.mean()
@@ -110,9 +110,9 @@ def test_nearest_points_of_many_points_need_little_memory(mandible):
     peaks = []
     for some in (points[:20_000], points):
         tracemalloc.start()
-        found = mandible.nearest(some)
+        nearest = mandible.nearest(some)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 1.5 * peaks[0]
     ends = np.r_[0:10, 59_990:60_000]
-    np.testing.assert_array_equal(mandible.nearest(points[ends]).foot, found.foot[ends])
+    np.testing.assert_array_equal(mandible.nearest(points[ends]).foot, nearest.foot[ends])

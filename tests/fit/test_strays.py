@@ -48,10 +48,10 @@ def test_two_points_are_predicted_from_the_others():
     rest = np.delete(np.arange(14), [2, 5])
     guess = thin_plate(source[rest], target[rest], NOISE)(source[[2, 5]])
     now, then = block.exchanged(2, 5)
-    for found, order in ((now, [2, 5]), (then, [5, 2])):
+    for predicted, order in ((now, [2, 5]), (then, [5, 2])):
         e = target[order] - guess
         own = block.B[np.ix_([2, 5], [2, 5])]
-        assert found == pytest.approx(float((e * (own @ e)).sum()), rel=1e-6)
+        assert predicted == pytest.approx(float((e * (own @ e)).sum()), rel=1e-6)
 
 
 def test_deviations_of_drawn_shapes_have_unit_size():
@@ -76,21 +76,25 @@ def test_deviations_of_drawn_shapes_have_unit_size():
 
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("factor", [0.8, 1.25])
-def test_the_stretch_of_one_axis_is_found_and_told_with_that_axis(axis, factor):
+def test_the_stretch_of_one_axis_is_found_and_reported_with_that_axis(axis, factor):
     """In a frame of its own: the direction is that of the files."""
     source, _ = _shape(20)
     wrong = np.ones(3)
     wrong[axis] = factor
     turn = np.roll(np.eye(3), 1, axis=0)  # x to y, y to z, z to x
-    found, _ = stretches(source, 1.1 * (wrong * source) @ turn.T, NOISE)
+    factors, _ = stretches(source, 1.1 * (wrong * source) @ turn.T, NOISE)
     expected = np.full(3, -0.5 * np.log(factor))
     expected[axis] = np.log(factor)
-    np.testing.assert_allclose(found, expected, atol=1e-9)
-    told = unusual_proportions(source, (wrong * source) @ turn.T, turn, "l.csv", NOISE)
+    np.testing.assert_allclose(factors, expected, atol=1e-9)
+    sentence = unusual_proportions(source, (wrong * source) @ turn.T, turn, "l.csv", NOISE)
     larger = "25 % larger" if factor > 1.0 else "25 % smaller"
-    assert told is not None and larger in told and "check the spacing of the slices" in told
-    assert f"along the axis {'yzx'[axis]} of the files" in told
-    assert ("width", "depth", "height")[axis] in told
+    assert (
+        sentence is not None
+        and larger in sentence
+        and "check the spacing of the slices" in sentence
+    )
+    assert f"along the axis {'yzx'[axis]} of the files" in sentence
+    assert ("width", "depth", "height")[axis] in sentence
     assert unusual_proportions(source, source @ turn.T, turn, "l.csv", NOISE) is None
 
 
@@ -101,8 +105,8 @@ def test_sides_of_some_pairs_that_are_exchanged_are_named():
     for name in ("temple", "forehead"):
         for a, b in (("left", "right"), ("right", "left")):
             crossed[f"{name}_{a}"] = points[f"{name}_{b}"]
-    told = "sides of forehead_left and forehead_right, temple_left and temple_right seem to be exch"
-    with pytest.raises(FitError, match=told):
+    text = "sides of forehead_left and forehead_right, temple_left and temple_right seem to be exch"
+    with pytest.raises(FitError, match=text):
         match(points, landmarks_of(crossed), None, NOISE, "face")
     assert match(points, landmarks_of(points), None, NOISE, "face").notes == []
 

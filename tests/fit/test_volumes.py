@@ -63,9 +63,9 @@ def test_an_ellipsoid_is_found_where_it_is(frame, ending, tmp_path):
     spacing, rotation = FRAMES[frame]
     labels, affine = _ellipsoid(spacing, rotation)
     sitk.WriteImage(image_of(labels, affine), str(tmp_path / f"head{ending}"))
-    found = surfaces_of_labels(tmp_path / f"head{ending}", {"ball": (3,)})["ball"]
-    assert not [note for note in found.notes if "further parts" in note]
-    surface = found.surface
+    surfaces = surfaces_of_labels(tmp_path / f"head{ending}", {"ball": (3,)})["ball"]
+    assert not [note for note in surfaces.notes if "further parts" in note]
+    surface = surfaces.surface
     x = surface.points - CENTRE
     r = np.linalg.norm(x / RADII, axis=1)
     gradient = np.linalg.norm(x / RADII**2, axis=1)
@@ -76,7 +76,7 @@ def test_an_ellipsoid_is_found_where_it_is(frame, ending, tmp_path):
     assert volume == pytest.approx(4.0 / 3.0 * np.pi * RADII.prod(), rel=0.03)
     assert np.abs(surface.points.mean(axis=0) - CENTRE).max() < 0.4e-3
     assert (np.einsum("ni,ni->n", surface.point_normals, x) > 0.0).mean() > 0.99
-    assert len(found.digest) == 64
+    assert len(surfaces.digest) == 64
 
 
 def test_labels_of_a_head_become_a_fitted_jaw(tmp_path):
@@ -101,9 +101,9 @@ def test_labels_of_a_head_become_a_fitted_jaw(tmp_path):
         near = scanned[name].nearest(scan.surface.points).distance
         assert 1e3 * near.mean() < 0.35, name
     marks = {k: moved(v) for k, v in points_of_jaw(own).items()}
-    found = fit_jaw(generic, landmarks=marks, surfaces=surfaces, simulated=True)
-    assert (found.distance[found.distance["stage"] == "fitted"]["mean"] < 0.8).all()
-    assert "head.nrrd" in found.jaw.attrs["fit_inputs"]
+    fit = fit_jaw(generic, landmarks=marks, surfaces=surfaces, simulated=True)
+    assert (fit.distance[fit.distance["stage"] == "fitted"]["mean"] < 0.8).all()
+    assert "head.nrrd" in fit.jaw.attrs["fit_inputs"]
 
 
 @pytest.mark.parametrize("kind", ["tissue", "head"])
@@ -120,14 +120,14 @@ def test_labelled_tissue_is_a_skin_although_it_has_an_inner_side(kind, tmp_path)
     sitk.WriteImage(image_of(labels.astype(np.uint8), affine), str(tmp_path / "head.nrrd"))
     skin = surfaces_of_labels(tmp_path / "head.nrrd", {"skin": (1,)})["skin"]
     marks = {k: p * [-1.0, -1.0, 1.0] for k, p in points_of_face(own.face).items()}
-    found = fit_face(template_face(resolution="coarse"), marks, skin=skin)
-    last = found.distance[found.distance["stage"] == "relaxed"]
+    fit = fit_face(template_face(resolution="coarse"), marks, skin=skin)
+    last = fit.distance[fit.distance["stage"] == "relaxed"]
     assert (last["mean"] < 0.5).all() and (last["covered"] > 0.95).all()
-    left = [note for note in found.notes if "beneath its outer layer and was left out" in note]
+    left = [note for note in fit.notes if "beneath its outer layer and was left out" in note]
     assert left or kind == "head"
-    to_face = rigid_of(np.array(json.loads(found.face.attrs["fit_frame"])))
+    to_face = rigid_of(np.array(json.loads(fit.face.attrs["fit_frame"])))
     there = sheets(own.face)["skin"].at(to_face(q))
-    here = sheets(found.face)["skin"].at(found.face["position"].values)
+    here = sheets(fit.face)["skin"].at(fit.face["position"].values)
     assert 1e3 * there.nearest(here.samples[0]).distance.mean() < 0.6
 
 
@@ -135,10 +135,10 @@ def test_a_part_at_the_border_is_open_there():
     labels, affine = _ellipsoid(*FRAMES["upright"])
     cut = labels[: labels.shape[0] // 2]
     volume = volume_of(image_of(cut, affine), "head")
-    found = surface_of_mask(volume, cut == 3, "ball")
-    assert any("border of the volume" in note for note in found.notes)
-    assert len(found.surface.loops) == 1
-    off = np.linalg.norm((found.surface.points - CENTRE) / RADII, axis=1) - 1.0
+    surface = surface_of_mask(volume, cut == 3, "ball")
+    assert any("border of the volume" in note for note in surface.notes)
+    assert len(surface.surface.loops) == 1
+    off = np.linalg.norm((surface.surface.points - CENTRE) / RADII, axis=1) - 1.0
     assert np.abs(off).max() < 0.05  # no lid where the volume ends
 
 

@@ -24,7 +24,7 @@ def done(*words):
     return CliRunner().invoke(app, [*map(str, words)])
 
 
-def test_a_plan_without_effect_is_told_and_leaves_the_face_as_it_is(coarse, tmp_path):
+def test_a_plan_without_effect_is_reported_and_leaves_the_face_as_it_is(coarse, tmp_path):
     face = save_face(coarse, tmp_path / "face.nc")
     for name, text in (("zero", ZERO), ("empty", 'name = "nothing"\n')):
         (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
@@ -36,20 +36,20 @@ def test_a_plan_without_effect_is_told_and_leaves_the_face_as_it_is(coarse, tmp_
         assert dataset_digest(written) == dataset_digest(load_face(face))
 
 
-def test_lengths_that_may_be_in_cm_are_told(coarse, tmp_path):
+def test_lengths_that_may_be_in_cm_are_reported(coarse, tmp_path):
     face = save_face(coarse, tmp_path / "face.nc")
     text = '[[step]]\nkind = "change"\ncentre = [0.0, 105.0, 0.0]\nradius = 0.9\nstiffness = 2.0\n'
     (tmp_path / "plan.toml").write_text(text, encoding="utf-8")
     result = done("treat", tmp_path / "plan.toml", face, "--out", tmp_path / "stiff.nc")
-    told = "Warning: step 1: radius = 0.9 is in mm; if it is in cm, write radius = 9."
-    assert result.exit_code or told in " ".join(result.output.split())
+    sentence = "Warning: step 1: radius = 0.9 is in mm; if it is in cm, write radius = 9."
+    assert result.exit_code or sentence in " ".join(result.output.split())
     for step in (Wedge(width=1.2), Wedge(height=1.2), Incision(height=2.9), Tumour(
             centre=(0.0, 50.0, 0.0), margin=0.5), Wedge(scar={"radius": 0.3})):  # fmt: skip
         assert len(step.doubts()) == 1, step
     assert not Wedge(width=3.0).doubts() and not Wedge(width=0.0, scar=None).doubts()
 
 
-def test_a_step_is_told_with_the_muscles_that_it_weakens(coarse, tmp_path):
+def test_a_step_is_reported_with_the_muscles_that_it_weakens(coarse, tmp_path):
     face = save_face(coarse, tmp_path / "face.nc")
     text = '[[step]]\nkind = "palsy"\nbranch = "mandibular"\nside = "right"\ndegree = 0.5\n'
     (tmp_path / "plan.toml").write_text(text, encoding="utf-8")
@@ -110,19 +110,19 @@ def folder(monkeypatch, tmp_path):
 def test_recordings_that_are_not_used_are_named(folder):
     for name in ("V1_A.nc", "V1_A_2.nc", "V1_D.nc", "V1_Z.nc", "x_E.nc"):
         (folder / name).touch()
-    found, notes = recorded(folder)
-    assert list(found) == ["A", "D"]
-    told = "\n".join(notes)
-    assert "V1_A_2.nc is another recording of A and was not used." in told
-    assert "V1_Z.nc: its instruction is Z" in told and "x_E.nc: it is damaged" in told
+    recordings, notes = recorded(folder)
+    assert list(recordings) == ["A", "D"]
+    text = "\n".join(notes)
+    assert "V1_A_2.nc is another recording of A and was not used." in text
+    assert "V1_Z.nc: its instruction is Z" in text and "x_E.nc: it is damaged" in text
     assert "No recording of B, C, E, F was found: their outcomes are absent." in notes
     assert len(notes) == 4
 
 
 def test_what_is_no_folder_of_recordings_is_named(folder):
     (folder / "V1_A.nc").touch()
-    for path, told in (("V1_A.nc", "is a file"), ("other", "does not exist")):
-        with pytest.raises(DataError, match=f"{told}, expected a folder"):
+    for path, message in (("V1_A.nc", "is a file"), ("other", "does not exist")):
+        with pytest.raises(DataError, match=f"{message}, expected a folder"):
             recorded(folder / path)
 
 

@@ -38,12 +38,12 @@ def table(monkeypatch, tmp_path):
 
     monkeypatch.setattr(dose, "computed", counted)
     every = dose.cases(2, 1, ["V", "W"], [0.1, 0.4], [0.5], ["all"])
-    found = dose.dose_table(every, SETTING, tmp_path)
+    rows = dose.dose_table(every, SETTING, tmp_path)
     assert len(done) == len(every) == 2 * 2 * (1 + 4)
     again = dose.dose_table(every, SETTING, tmp_path)
     assert len(done) == len(every)  # all from the store
-    pd.testing.assert_frame_equal(found, again)
-    return found
+    pd.testing.assert_frame_equal(rows, again)
+    return rows
 
 
 def test_the_status_of_a_case_names_what_failed():
@@ -59,9 +59,9 @@ def test_the_status_of_a_case_names_what_failed():
 def test_changes_are_from_the_same_person_and_draw(table):
     own = dose.changes_by_dose(table).query("outcome == 'mouth width'")
     np.testing.assert_allclose(own["change"], -10.0 * own["share"] + 2.0 * (own["draw"] > 0))
-    found = dose.intervals_by_dose(table).query("outcome == 'mouth width' and shape == 'V'")
-    np.testing.assert_allclose(found["median"], [-1.0, -4.0])
-    np.testing.assert_allclose(found["parameters high"], [1.0, -2.0])
+    rows = dose.intervals_by_dose(table).query("outcome == 'mouth width' and shape == 'V'")
+    np.testing.assert_allclose(rows["median"], [-1.0, -4.0])
+    np.testing.assert_allclose(rows["parameters high"], [1.0, -2.0])
 
 
 def test_the_cube_has_every_axis_and_its_reasons(table):
@@ -91,8 +91,8 @@ def test_the_figure_states_that_it_is_simulated_and_how(table):
 
 def test_a_spread_is_that_of_its_number_of_values(table):
     assert dose.spread_of(19)[:2] == (0.0, 1.0) and dose.spread_of(20)[:2] == (0.05, 0.95)
-    found = dose.intervals_by_dose(table).query("outcome == 'mouth width' and shape == 'V'")
-    np.testing.assert_allclose(found["persons high"], [-1.0, -4.0])
+    rows = dose.intervals_by_dose(table).query("outcome == 'mouth width' and shape == 'V'")
+    np.testing.assert_allclose(rows["persons high"], [-1.0, -4.0])
     many = pd.concat([table.assign(person=k, **{"mouth width": table["mouth width"]
                       - k * table["share"]}) for k in range(1, 21)])  # fmt: skip
     one = dose.intervals_by_dose(
@@ -107,8 +107,8 @@ def test_an_interval_of_several_plans_is_refused(table, tmp_path):
     with pytest.raises(DataError, match="several plans"):
         dose.with_intervals(outcomes, table)
     one = table[(table["share"] != 0.4) & (table["shape"] == "V")]
-    found = dose.with_intervals(outcomes, one)
-    assert found.loc[0, "change, persons low"] == pytest.approx(-1.0)
+    estimates = dose.with_intervals(outcomes, one)
+    assert estimates.loc[0, "change, persons low"] == pytest.approx(-1.0)
     path = tmp_path / "other.csv"
     path.write_text("a,b\n1,2\n", encoding="utf-8")
     with pytest.raises(DataError, match="no column 'person'"):
@@ -116,7 +116,7 @@ def test_an_interval_of_several_plans_is_refused(table, tmp_path):
 
 
 def test_an_interval_of_another_plan_than_that_of_the_face_is_refused(monkeypatch, tmp_path):
-    """Its changes would stand beside those of the face, without a sign that they are not its own."""
+    """Its changes would stand next to those of the face, without a sign that they are not its own."""
     values = dict.fromkeys((o.name for o in OUTCOMES), 1.0)
     monkeypatch.setattr(dose, "computed", lambda case, setting: dose._row(values, "reached"))
     step = {"kind": "wedge", "width": 9.0}
@@ -211,13 +211,13 @@ def test_both_faces_move_in_processes_as_one_after_the_other(coarse, tmp_path):
     )  # fmt: skip
     weak = ef.treat(coarse, {"step": [{"kind": "palsy", "degree": 0.5}]})
     drives = gestures(coarse, ("A", "closing"))
-    told: list[tuple[int, int]] = []
+    messages: list[tuple[int, int]] = []
     one, two = (
         compared_motions(coarse, weak, drives, p, source="", store=Store(tmp_path / str(n)),
-                         workers=n, progress=lambda *at: told.append(at))
+                         workers=n, progress=lambda *at: messages.append(at))
         for n in (1, 2)
     )  # fmt: skip
-    assert told[-1] == (4, 4) and not one.failed and not two.failed
+    assert messages[-1] == (4, 4) and not one.failed and not two.failed
     for name in drives:
         for a, b in ((one.intact, two.intact), (one.treated, two.treated)):
             for variable in ("position", "surface_position", "mouth_area"):
@@ -247,8 +247,8 @@ def test_a_movement_that_fails_is_repeated_with_weaker_muscles_of_both_faces(coa
          "sigma_max_policy": {"factor": 0.9, "minimum": 85e3}},
     )  # fmt: skip
     drives = gestures(coarse, ("A", "B", "D", "F"))
-    found = compared_motions(coarse, coarse, drives, p, source="")
-    stress = [found.intact[n].attrs["sigma_max"] for n in ("A", "B")]
-    assert stress == [90e3, 100e3] and found.treated["A"].attrs["sigma_max"] == 90e3
-    assert list(found.failed) == ["D", "F"] and "no such muscle" in found.failed["D"]
+    rows = compared_motions(coarse, coarse, drives, p, source="")
+    stress = [rows.intact[n].attrs["sigma_max"] for n in ("A", "B")]
+    assert stress == [90e3, 100e3] and rows.treated["A"].attrs["sigma_max"] == 90e3
+    assert list(rows.failed) == ["D", "F"] and "no such muscle" in rows.failed["D"]
     assert tried.count(("F", 90e3)) == 1 and ("D", 90e3) not in tried

@@ -113,9 +113,9 @@ def test_the_page_states_the_plan_and_its_numbers_with_their_units(made, pages):
     coarse, _, motions, drives, tables = made
     body = re.sub(r"(?s)<(script|style).*?</\1>", " ", pages[0])
     text = " ".join(html.unescape(re.sub("<[^>]+>", " ", body)).split())
-    for told in ("Step 1 of “<b>V</b>”: wedge lip lower place 0.42", "width 12\xa0mm", "height 11\xa0mm",
+    for part in ("Step 1 of “<b>V</b>”: wedge lip lower place 0.42", "width 12\xa0mm", "height 11\xa0mm",
                  "scar radius 3\xa0mm", " mm² ", "closing force 0."):  # fmt: skip
-        assert told in text or " ".join(told.split()) in text, told
+        assert part in text or " ".join(part.split()) in text, part
     assert re.search(r"removed volume \d+ mm³", text) and not re.search(
         r"mm[23]|[0-9]e[+][0-9]", text
     )
@@ -133,9 +133,9 @@ def test_no_number_of_the_plain_page_is_below_zero():
     for outcome in OUTCOMES:
         if outcome.plain and outcome.unit in ("mm", "mm2", "Pa"):
             row = {"outcome": outcome.name, "unit": outcome.unit, "before": -2.0, "after": 3.0}
-            (told,) = plain_sentences(pd.DataFrame([row | {"bound": ""}]), none)
-            assert "-" not in told and "more than before" in told
-            assert ("-2" not in told) and ("5.0" in told or outcome.unit == "Pa")
+            (sentence,) = plain_sentences(pd.DataFrame([row | {"bound": ""}]), none)
+            assert "-" not in sentence and "more than before" in sentence
+            assert ("-2" not in sentence) and ("5.0" in sentence or outcome.unit == "Pa")
 
 
 @needs_browser
@@ -228,21 +228,21 @@ def test_on_a_telephone_nothing_is_covered_and_the_plain_page_has_no_terms(
 
 
 def test_small_gaps_are_closed_lips_on_the_plain_page():
-    """A gap counts as closed below 1 mm2, and a person is not told that it became smaller."""
+    """A gap counts as closed below 1 mm2, and no sentence states that it became smaller."""
     gap = next(o.name for o in OUTCOMES if "gap that is left" in o.plain)
     none = pd.DataFrame(columns=["movement", "words", "instruction", "amplitude ratio"])
 
-    def told(name, unit, before, after):
+    def sentence_of(name, unit, before, after):
         row = {"outcome": name, "unit": unit, "before": before, "after": after, "bound": ""}
         (sentence,) = plain_sentences(pd.DataFrame([row]), none)
         return sentence
 
-    assert "counts as closed" in told(gap, "mm2", 0.96, 0.02)
-    more = told(gap, "mm2", 0.02, 3.0)
+    assert "counts as closed" in sentence_of(gap, "mm2", 0.96, 0.02)
+    more = sentence_of(gap, "mm2", 0.02, 3.0)
     assert "is 3.0 square millimetres, more than before (0.0); less than one counts as" in more
-    less = told("mouth width", "mm", 50.0, 40.0)
+    less = sentence_of("mouth width", "mm", 50.0, 40.0)
     assert less.endswith("the width of the mouth is 40.0 millimetres, less than before (50.0).")
-    assert "5400 pascals, more than before (4700)." in told(
+    assert "5400 pascals, more than before (4700)." in sentence_of(
         "pressure held before the lips part", "Pa", 4707.4, 5469.7
     )
 
@@ -258,11 +258,11 @@ def test_the_plain_page_says_one_thing_about_every_movement():
         [(name, f"words of {name}", 1.09, 0.9) for name in (*plain, "B")],
         columns=["movement", "words", "amplitude ratio", "rho"],
     )
-    told = plain_sentences(pd.DataFrame(rows), moved)
-    assert [one for one in told if "words of" in one] == [
+    sentences = plain_sentences(pd.DataFrame(rows), moved)
+    assert [one for one in sentences if "words of" in one] == [
         "“words of B”: the movement is 109 % of that before."
     ]
-    assert len(told) == 1 + sum(bool(o.plain) for o in OUTCOMES)
+    assert len(sentences) == 1 + sum(bool(o.plain) for o in OUTCOMES)
     lost = plain_sentences(pd.DataFrame(rows).assign(after=np.nan, before=np.nan), moved)
     assert len(lost) == len(moved)
 

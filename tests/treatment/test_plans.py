@@ -35,14 +35,14 @@ def test_every_length_of_a_plan_in_metres_is_refused_and_names_mm():
 
     from emgface.treatment.plan import Change, Incision, Resection, Scar, Tumour, Wedge
 
-    found = []
+    lengths = []
     for kind in (Wedge, Tumour, Incision, Change, Resection, Scar):
         assert issubclass(kind, BaseModel)
         for name, field in kind.model_fields.items():
             more = field.json_schema_extra
             if not isinstance(more, dict) or more.get("unit") != "mm":
                 continue
-            found.append(name)
+            lengths.append(name)
             three = name in ("centre", "radii")
             value = [0.002, 0.098, 0.003] if three else 0.012
             given = {name: value}
@@ -53,7 +53,7 @@ def test_every_length_of_a_plan_in_metres_is_refused_and_names_mm():
             aim = "98" if three else "12"
             with pytest.raises(ConfigurationError, match=f"{name} = .* in mm.* write .*{aim}"):
                 configure(kind, given)
-    assert {"width", "height", "retraction", "margin", "centre", "radii", "radius"} <= set(found)
+    assert {"width", "height", "retraction", "margin", "centre", "radii", "radius"} <= set(lengths)
     assert configure(Wedge, {"width": 0.0, "retraction": 0.0}).width == 0.0
 
 
@@ -160,10 +160,10 @@ def test_a_plan_that_the_face_already_carries_is_refused_with_its_name_and_diges
 
 def test_an_excision_of_an_earlier_suture_is_refused_with_its_cause(coarse, operated):
     digest = json.loads(operated.attrs["treatment"])[0]["applied_to"][:8]
-    told = (
+    text = (
         f"suture of step 1 .wedge. of the plan 'plan', applied to .*{digest}: excise both at once"
     )
-    with pytest.raises(TreatmentError, match=told):
+    with pytest.raises(TreatmentError, match=text):
         ef.treat(operated, wedge(width=13.0))
     own = [{"kind": "palsy", "degree": 0.1}, *wedge()["step"], *wedge(width=13.0)["step"]]
     with pytest.raises(TreatmentError, match="step 3 .*suture of step 2 .wedge. of this plan"):
@@ -193,7 +193,7 @@ def test_an_open_surface_is_refused_and_its_orientation_does_not_matter(coarse, 
     """Of an open surface a part of the tumour is unknown, and the excision would be too small."""
     trimesh = pytest.importorskip("trimesh")
     ball = ball_in_lower_lip(coarse, depth=4.0)
-    found = []
+    positions = []
     for name, faces in (
         ("closed", ball.faces), ("turned", ball.faces[:, ::-1]), ("open", ball.faces[:200])
     ):  # fmt: skip
@@ -201,12 +201,12 @@ def test_an_open_surface_is_refused_and_its_orientation_does_not_matter(coarse, 
         step = {"kind": "tumour", "surface": f"{name}.stl", "margin": 1.0}
         plan = configure(Plan, {"step": [step]})
         if name != "open":
-            found.append(treat_face(coarse, plan, folder=tmp_path)["position"].values)
+            positions.append(treat_face(coarse, plan, folder=tmp_path)["position"].values)
             continue
         with pytest.raises(TreatmentError, match="edges that do not join two triangles") as caught:
             treat_face(coarse, plan, folder=tmp_path)
         assert caught.value.reason == "surface"
-    np.testing.assert_array_equal(*found)
+    np.testing.assert_array_equal(*positions)
 
 
 @pytest.mark.parametrize(
@@ -246,7 +246,7 @@ def test_one_name_and_true_are_what_they_say():
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         (
             "[face]\npath = 'face.nc'\n[simulation]\nsigma_max = 1e5\n",
@@ -257,9 +257,9 @@ def test_one_name_and_true_are_what_they_say():
         ("[[step]]\nkind = 'palsy'\n" * 200, "at most 50 items"),
     ],
 )
-def test_a_file_of_another_kind_is_refused_with_what_is_expected(tmp_path, text, told):
+def test_a_file_of_another_kind_is_refused_with_what_is_expected(tmp_path, text, message):
     (tmp_path / "plan.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(ConfigurationError, match=told) as caught:
+    with pytest.raises(ConfigurationError, match=message) as caught:
         read_plan(tmp_path / "plan.toml")
     assert "plan.toml" in str(caught.value) and len(str(caught.value)) < 400
 

@@ -32,11 +32,11 @@ def test_forces_of_a_pressure_are_those_of_its_closed_form():
 
 
 def test_closed_lips_hold_a_pressure_that_converges_with_its_step(coarse):
-    held = [pressure_held(coarse, DRAFT, step=step) for step in (100.0, 200.0, 400.0, 800.0)]
-    values = [one.pressure for one in held]
-    assert all(one.closed and one.parted and one.force > 0.1 for one in held)
+    pressures = [pressure_held(coarse, DRAFT, step=step) for step in (100.0, 200.0, 400.0, 800.0)]
+    values = [one.pressure for one in pressures]
+    assert all(one.closed and one.parted and one.force > 0.1 for one in pressures)
     assert 800.0 < values[0] < 12000.0
-    for one in held[1:]:  # the interval in which the lips part contains the finest value
+    for one in pressures[1:]:  # the interval in which the lips part contains the finest value
         assert 0.0 < one.step and abs(one.pressure - values[0]) <= one.step
     assert abs(values[2] - values[0]) < 0.02 * values[0]
     few = pressure_held(coarse, DRAFT, step=400.0, highest=800.0)
@@ -157,17 +157,17 @@ def test_soft_lips_close_and_hold_a_pressure_by_shorter_steps():
     p = dose.DoseSetting().parameters()
     softness = dose.DRAWN["stiffness"][0]
     soft = ef.treat(face, {"step": [{"kind": "change", "stiffness": softness}]})
-    held = pressure_held(soft, p, step=800.0)
-    assert held.closed and held.parted and 800.0 < held.pressure < 12000.0
+    result = pressure_held(soft, p, step=800.0)
+    assert result.closed and result.parted and 800.0 < result.pressure < 12000.0
 
 
 def closing(**attrs):
     return xr.Dataset({"mouth_area": ("time", [1e-4, 0.0])}, attrs=attrs)
 
 
-def bounded(monkeypatch, face, held):
+def bounded(monkeypatch, face, pressure):
     """Attributes of a motion of closing with a pressure."""
-    monkeypatch.setattr(jobs, "pressure_held", lambda *given, **named: held)
+    monkeypatch.setattr(jobs, "pressure_held", lambda *given, **named: pressure)
     return jobs.pressure_attributes(face, DRAFT, face)
 
 
@@ -189,9 +189,9 @@ def test_a_lower_bound_is_one_in_table_page_and_interval(coarse, monkeypatch):
         assert str(shown["after"]).startswith("at least") == (bound in ("after", "both"))
         words = {"after": "at least 1600.00", "before": "at most -1600.00"}.get(bound, change)
         np.testing.assert_equal(shown["change"], words)
-        told = next(s for s in plain_sentences(table, table.iloc[:0, :4]) if "pressure" in s)
-        assert ("is at least 10600 pascals" in told) == (bound in ("after", "both"))
-        assert ("before: at least 10600" in told) == (bound in ("before", "both"))
+        sentence = next(s for s in plain_sentences(table, table.iloc[:0, :4]) if "pressure" in s)
+        assert ("is at least 10600 pascals" in sentence) == (bound in ("after", "both"))
+        assert ("before: at least 10600" in sentence) == (bound in ("before", "both"))
         both = with_cut_difference(table, table).set_index("outcome").loc[NAME]
         ends = both["change, lowest of both cuts"], both["change, highest of both cuts"]
         assert np.isnan(ends[0]) == (bound in ("before", "both"))

@@ -1,4 +1,4 @@
-"""Comparison with reduced faces: one of each face, whose bounds are told, or a refusal."""
+"""Comparison with reduced faces: one of each face, whose bounds are reported, or a refusal."""
 
 import json
 
@@ -52,8 +52,8 @@ def test_both_faces_are_reduced_with_their_bounds_and_full_order_where_it_is_not
         assert set(one["A"].data_vars) >= {"mouth_area", "lip_protrusion", "surface_position"}
         bound = f"{1e3 * one['A'].attrs['reduction_error']:.2g} mm (A)"
         word = {"intact": "before", "treated": "after"}[when]
-        told = [note for note in small.notes if f"The face {word} is reduced in A:" in note]
-        assert len(told) == 1 and f"at most {bound}" in told[0]
+        messages = [note for note in small.notes if f"The face {word} is reduced in A:" in note]
+        assert len(messages) == 1 and f"at most {bound}" in messages[0]
         reason = one["D"].attrs["reduction_doubt"]
         assert f"The movement D {word} was simulated at full order: {reason}." in small.notes
     assert not full.notes
@@ -86,7 +86,7 @@ def test_a_reduced_face_is_used_for_no_other_face_than_that_of_its_training(pair
 
 
 @pytest.mark.parametrize(
-    "words, told",
+    "words, message",
     [
         (("a.rom.nc", "b.nc"), "specify the face of its training"),
         (("a.nc", "b.rom.nc"), "specify the face of its training"),
@@ -94,10 +94,10 @@ def test_a_reduced_face_is_used_for_no_other_face_than_that_of_its_training(pair
         (("a.nc", "b.nc", "--reduced", "a.rom.nc", "--both-cuts"), "no effect without full order"),
     ],
 )
-def test_the_command_refuses_reduced_faces_in_the_place_of_others(pair, words, told):
+def test_the_command_refuses_reduced_faces_in_the_place_of_others(pair, words, message):
     words = [str(pair / word) if word.endswith(".nc") else word for word in words]
     more = ["--no-contact", "--sigma-max", "50e3", "--out", str(pair / "page.html")]
     result = CliRunner().invoke(app, ["compare", *words, *more])
     assert result.exit_code == 2
     shown = " ".join(f"{result.output} {result.exception}".replace("│", " ").split())
-    assert told in shown and not (pair / "page.html").exists() and not (pair / "page").exists()
+    assert message in shown and not (pair / "page.html").exists() and not (pair / "page").exists()

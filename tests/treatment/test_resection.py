@@ -92,12 +92,12 @@ def test_deviation_of_a_resected_jaw_grows_with_its_scar_at_equal_gape():
 
     jaw = template_jaw()
     assert deviation_at((np.array([0.0, 2.0, 6.0]), np.array([0.0, 1.0, 3.0])), 5.0) == 2.5
-    found = []
+    deviations = []
     for side, stiffness in (("left", 0.0), ("left", 800.0), ("right", 800.0)):
         one, _ = resect(jaw, Resection(side=side, scar_stiffness=stiffness))
-        found.append(deviation_at(opened_by_muscles(one), 5.0))
-    assert found[1] < found[0] < 0.0  # towards the resected side, -x
-    assert found[2] == pytest.approx(-found[1], abs=0.02)
+        deviations.append(deviation_at(opened_by_muscles(one), 5.0))
+    assert deviations[1] < deviations[0] < 0.0  # towards the resected side, -x
+    assert deviations[2] == pytest.approx(-deviations[1], abs=0.02)
     with pytest.raises(JawError, match="molars of 0 sides"):
         resected_side(jaw)
     treated = treat_jaw(jaw, Plan(step=(Resection(hyoid="fixed"),)))
@@ -113,12 +113,12 @@ def test_a_resected_jaw_has_its_mass_in_the_bone_that_remains():
     from emgface.treatment.resection import CUT, resect
 
     jaw = template_jaw()
-    treated, told = resect(jaw, Resection(side="left"))
+    treated, attributes = resect(jaw, Resection(side="left"))
     plate, _ = resect(jaw, Resection(side="left", reconstruction="plate"))
     body = {"body": "jaw"}
     assert float(treated["body_mass"].sel(body)) == float(jaw["body_mass"].sel(body))
     way = (treated["body_centre"] - jaw["body_centre"]).sel(body).values
-    assert way[0] > 10e-3 and told["moved_centre_of_mass_mm"] == pytest.approx(
+    assert way[0] > 10e-3 and attributes["moved_centre_of_mass_mm"] == pytest.approx(
         1e3 * np.linalg.norm(way)
     )
     assert (np.linalg.eigvalsh(treated["body_inertia"].sel(body).values) > 0.0).all()

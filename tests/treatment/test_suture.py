@@ -115,6 +115,6 @@ def test_the_report_of_a_study_names_its_treated_faces(coarse, operated, tmp_pat
         if face is not None:
             save_face(face, tmp_path / f"{name}.nc")
         faces.append(FaceConfiguration(path=tmp_path / f"{name}.nc"))
-    told = _of_treatment(Results(tmp_path, xr.Dataset(), faces=faces))
-    assert told == f"{operated.attrs['name']}: {NOT_VALIDATED}."
+    sentence = _of_treatment(Results(tmp_path, xr.Dataset(), faces=faces))
+    assert sentence == f"{operated.attrs['name']}: {NOT_VALIDATED}."
     assert not _of_treatment(Results(tmp_path, xr.Dataset(), faces=faces[:1]))

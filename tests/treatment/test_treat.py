@@ -69,8 +69,8 @@ def test_a_conforming_incision_cuts_the_fibres_that_it_crosses(coarse):
     """Between two lines of nodes, only a conforming cut divides elements; apart, OOM loses its ring."""
     step = {"kind": "incision", "place": 0.42, "rejoin": "none"}
     treated = ef.treat(coarse, {"step": [step]})
-    found = report(treated)
-    assert "OOM_L" in found["not_joined"] and "OOM_R" not in found["not_joined"]
+    page = report(treated)
+    assert "OOM_L" in page["not_joined"] and "OOM_R" not in page["not_joined"]
     along = ef.treat(coarse, {"step": [{**step, "method": "elements"}]})
     assert report(along)["severed_muscles"] == []
     weights = treated["bundle_weight"].values
@@ -255,10 +255,10 @@ def test_the_surface_of_a_tumour_is_required_only_where_it_is_excised(coarse, tm
     path.write_text('[[step]]\nkind = "tumour"\nsurface = "tumour.stl"\nmargin = 2.0\n')
     treated = ef.treat(coarse, path)
     (tmp_path / "tumour.stl").unlink()
-    found = report(treated)
-    assert found["kind"] == "tumour" and found["width"] > 6.0 < found["height"]
+    page = report(treated)
+    assert page["kind"] == "tumour" and page["width"] > 6.0 < page["height"]
     assert (_drawn_plan(coarse, treated).colour != body_of(coarse).colour).any()
-    wedge_of_it = {name: found[name] for name in ("place", "width", "height")}
+    wedge_of_it = {name: page[name] for name in ("place", "width", "height")}
     direct = {"kind": "wedge", "shape": "shield", "method": "elements"} | wedge_of_it
     np.testing.assert_array_equal(
         other_cut(coarse, treated)["position"], ef.treat(coarse, {"step": [direct]})["position"]
@@ -353,7 +353,7 @@ def test_a_treatment_is_known_by_the_digests_of_the_models_before_it(coarse, ope
 def test_found_activations_come_closer_to_the_intact_motion(coarse, operated):
     from emgface.treatment.compensation import compensated
 
-    found = compensated(coarse, operated, {"OOP_L": 0.3, "OOP_R": 0.3}, QUICK)
-    assert (found["activation"] >= 0.0).all() and (found["activation"] <= 1.0).all()
-    assert (found["residual"] < found["uncompensated"]).all()
-    assert float(found["residual"][-1]) < float(found["motion"][-1])
+    result = compensated(coarse, operated, {"OOP_L": 0.3, "OOP_R": 0.3}, QUICK)
+    assert (result["activation"] >= 0.0).all() and (result["activation"] <= 1.0).all()
+    assert (result["residual"] < result["uncompensated"]).all()
+    assert float(result["residual"][-1]) < float(result["motion"][-1])

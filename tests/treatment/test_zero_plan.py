@@ -67,9 +67,9 @@ def done(folder, *words):
 
 def stored(path):
     """Content of a file without the time that it took, and without names of files."""
-    with xr.open_dataset(path) as found:
-        kept = {k: v for k, v in found.attrs.items() if "run_time" not in k and "made" not in k}
-        return found.load().drop_attrs(deep=False).assign_attrs(kept)
+    with xr.open_dataset(path) as dataset:
+        kept = {k: v for k, v in dataset.attrs.items() if "run_time" not in k and "made" not in k}
+        return dataset.load().drop_attrs(deep=False).assign_attrs(kept)
 
 
 def simulated(folder, name):
@@ -82,18 +82,20 @@ def reduced(folder, name):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(training, "training_plan", short)
         store = Store(folder / "training")
-        found = training.reduce_face(load_face(folder / f"{name}.nc"), PARAMETERS, SMALL, store)
+        reduction = training.reduce_face(load_face(folder / f"{name}.nc"), PARAMETERS, SMALL, store)
     if name == "zero":
         assert {event.outcome for event in store.events} == {"reused"}
-    return found.assign_attrs(training_time_s=0.0)
+    return reduction.assign_attrs(training_time_s=0.0)
 
 
 def inverted(folder, name):
     face = load_face(folder / f"{name}.nc")
     p = SimulationParameters(solver="linearly_implicit", gravity=False, output=0.04,
                              contact={"method": "none"}, sigma_max=115e3)  # fmt: skip
-    found = invert(recording_of(face), face, p, SignalChain(), InverseParameters(variant="motion"))
-    return found.drop_attrs(deep=False)
+    inverse = invert(
+        recording_of(face), face, p, SignalChain(), InverseParameters(variant="motion")
+    )
+    return inverse.drop_attrs(deep=False)
 
 
 def shown(folder, name):

@@ -32,7 +32,9 @@ def test_corrections_with_a_similar_matrix_are_repeated_until_the_rows_are_close
     S, x0 = 1.2 * G @ np.linalg.solve(A, G.T), np.linalg.solve(A, np.ones(30))
     once = solve_under_rows(x0, G, S, push, "S")[0]
     assert np.abs(G @ once).max() > 0.1 * np.abs(G @ x0).max()
-    assert np.abs(G @ solve_under_rows(x0, G, S, push, "S", repeats=30, most=1e-12)[0]).max() <= 1e-12
+    assert (
+        np.abs(G @ solve_under_rows(x0, G, S, push, "S", repeats=30, most=1e-12)[0]).max() <= 1e-12
+    )
 
 
 def test_rows_that_repeat_each_other_need_a_cutoff():

@@ -94,8 +94,8 @@ def _ring(position: Floats, triangle: Integers, potential: Floats, value: float)
         share = np.clip((value - potential[a]) / step, 0.0, 1.0)[:, None]
         points.append(position[a] + share * (position[b] - position[a]))
         weight.append(crossed)
-    of, on = np.stack(points, axis=1), np.stack(weight, axis=1)
-    first, second = of[on].reshape(-1, 2, 3).transpose(1, 0, 2)
+    corners, on = np.stack(points, axis=1), np.stack(weight, axis=1)
+    first, second = corners[on].reshape(-1, 2, 3).transpose(1, 0, 2)
     size = np.maximum(np.linalg.norm(second - first, axis=1), 1e-12)
     return np.average(0.5 * (first + second), axis=0, weights=size)
 
@@ -141,9 +141,9 @@ def _potential(
         (np.r_[w, w, -w, -w], (np.r_[a, b, a, b], np.r_[a, b, b, a])), shape=(n, n)
     ).tocsr()
     free = np.flatnonzero(reached & ~first & ~last)
-    found = last.astype(np.float64)
-    found[free] = spsolve(L[free][:, free].tocsc(), -(L[free] @ found))
-    return found
+    potential = last.astype(np.float64)
+    potential[free] = spsolve(L[free][:, free].tocsc(), -(L[free] @ potential))
+    return potential
 
 
 def _ahead(pair: Floats, point: Floats) -> Floats:

@@ -45,12 +45,12 @@ class Content:
 
 def digest_of_files(paths: Sequence[Path]) -> str:
     """Digest (SHA-256) of the bytes of files, in the order of their names, read in pieces."""
-    found = hashlib.sha256()
+    hasher = hashlib.sha256()
     for path in sorted(paths):
         with path.open("rb") as stream:
             while piece := stream.read(1 << 20):
-                found.update(piece)
-    return found.hexdigest()
+                hasher.update(piece)
+    return hasher.hexdigest()
 
 
 def content_of(path: str | os.PathLike[str], most: int) -> Content:

@@ -120,19 +120,19 @@ def _csv(content: Content) -> tuple[list[str], Floats, str | None]:
     delimiter = max(",;\t", key=first.count)
     rows = list(csv.reader(io.StringIO(text), delimiter=delimiter))
     header = [cell.strip() for cell in rows[0]]
-    found: dict[str, tuple[int, str | None]] = {}
+    columns: dict[str, tuple[int, str | None]] = {}
     for k, cell in enumerate(header):
         if match := _COLUMN.fullmatch(cell):
-            found[match[1].lower()] = k, match[2].lower() if match[2] else None
+            columns[match[1].lower()] = k, match[2].lower() if match[2] else None
     label = next(
         (k for k, c in enumerate(header) if plain(c) in ("name", "label", "landmark")), None
     )
-    if label is None or set(found) != {"x", "y", "z"}:
+    if label is None or set(columns) != {"x", "y", "z"}:
         raise FitError(
             f"{content.name}: the header is {', '.join(header[:8])}; expected the columns name, x, y, "
             "z, with a unit as in x_mm"
         )
-    units = {unit for _, unit in found.values()}
+    units = {unit for _, unit in columns.values()}
     if len(units) > 1:
         raise FitError(f"{content.name}: x, y and z have different units, expected one unit")
     names, points = [], []
@@ -140,7 +140,7 @@ def _csv(content: Content) -> tuple[list[str], Floats, str | None]:
         if not any(cell.strip() for cell in row):
             continue
         try:
-            points.append([float(row[found[axis][0]]) for axis in "xyz"])
+            points.append([float(row[columns[axis][0]]) for axis in "xyz"])
             names.append(row[label])
         except (ValueError, IndexError) as error:
             raise FitError(

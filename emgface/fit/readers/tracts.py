@@ -65,9 +65,9 @@ def _read(path: Path) -> Tracts:
                 f"{content.name} cannot be read as streamlines ({type(error).__name__}: "
                 f"{str(error)[:120]}), expected a whole .trk or .tck file: export it again"
             ) from error
-    if told := [str(d.message) for d in doubts if "affine" in str(d.message).lower()]:
+    if texts := [str(d.message) for d in doubts if "affine" in str(d.message).lower()]:
         raise FitError(
-            f"{content.name} does not state where its voxels lie ({told[0][:120]}), expected an affine "
+            f"{content.name} does not state where its voxels lie ({texts[0][:120]}), expected an affine "
             "in its header: export it with a program that writes vox_to_ras"
         )
     stated = read.header.get("count", read.header.get("nb_streamlines"))

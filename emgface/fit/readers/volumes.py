@@ -201,15 +201,15 @@ def _scan(volume: Volume, index: Floats, triangle: Integers, name: str, notes: l
 
 def labels_by_part(given: Mapping[str, str]) -> dict[str, tuple[int, ...]]:
     """Labels by part, of texts such as "1,2,3"; FitError for others."""
-    found: dict[str, tuple[int, ...]] = {}
+    labels: dict[str, tuple[int, ...]] = {}
     for part, text in given.items():
         try:
-            found[part] = tuple(int(one) for one in text.split(","))
+            labels[part] = tuple(int(one) for one in text.split(","))
         except ValueError:
             raise FitError(
                 f"the labels of {part} are {text!r}, expected whole numbers such as 1,2,3"
             ) from None
-    return found
+    return labels
 
 
 def _labelled(volume: Volume) -> NDArray[Any]:

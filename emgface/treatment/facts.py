@@ -7,7 +7,7 @@ from pydantic import BaseModel
 
 UNITS: Final = {"mm3": "mm³", "mm2": "mm²", "mm": "mm", "N": "N", "Pa": "Pa"}
 """Unit as it is shown, by the last part of the name of a value."""
-NOT_SHOWN: Final = ("step", "kind", "doubts")  #: names of a report that are told apart
+NOT_SHOWN: Final = ("step", "kind", "doubts")  #: names of a report that are stated separately
 
 Facts = list[tuple[str, str]]
 
@@ -36,13 +36,13 @@ def _text(value: Any, unit: str = "") -> str:
 
 def facts_of_report(report: Mapping[str, Any]) -> Facts:
     """Names and values of the report of a step, whose names end in their units."""
-    found: Facts = []
+    facts: Facts = []
     for name, value in report.items():
         words, _, last = name.rpartition("_")
         unit = UNITS.get(last, "")
         if name not in NOT_SHOWN:
-            found.append(((words if unit else name).replace("_", " "), _text(value, unit)))
-    return found
+            facts.append(((words if unit else name).replace("_", " "), _text(value, unit)))
+    return facts
 
 
 def facts_of_step(step: BaseModel) -> Facts:
