@@ -105,7 +105,7 @@ def _rims(triangle: Integers, count: int) -> Integers:
     sides = np.concatenate([triangle[:, [0, 1]], triangle[:, [1, 2]], triangle[:, [2, 0]]])
     edge, uses = np.unique(np.sort(sides, 1), axis=0, return_counts=True)
     graph = coo_array((np.ones((uses == 1).sum()), edge[uses == 1].T), shape=(count, count))
-    return connected_components(graph, directed=False)[1]
+    return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def _near(
