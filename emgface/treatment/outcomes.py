@@ -269,7 +269,8 @@ AT_LEAST_WORDS: Final = {
 def with_words(outcomes: pd.DataFrame, digits: int = 2) -> pd.DataFrame:
     """Outcomes for readers: bounds and answers as words, without the column ``bound``."""
     shown = outcomes.drop(columns="bound").astype(object)
-    for row in np.flatnonzero(outcomes["outcome"].isin([o.name for o in OUTCOMES if o.answer])):
+    answers = {outcome.name for outcome in OUTCOMES if outcome.answer}
+    for row in [k for k, outcome in enumerate(outcomes["outcome"]) if outcome in answers]:
         for name in ("before", "after"):
             value = float(outcomes[name].iloc[row])
             shown.loc[shown.index[row], name] = ANSWERS.get(value, "")
