@@ -58,7 +58,7 @@ class Scratch(NamedTuple):
     q: Reals  #: (k, 3) positions
     f: Reals  #: (k, 3) forces
     x: Reals  #: (8, 3) of one element
-    w: Reals  #: (ROWS, 8) of one element
+    w: Reals  #: (SOLID_ROWS, 8) of one element
     kept: Singles  #: (rows, 8) of all elements at the start of a step (`sim._kernels.reduced_element`)
     acts: Flags  #: (n_fibres,) True for those with a force
     y: Reals  #: (blocks, 8) coordinates

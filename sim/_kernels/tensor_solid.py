@@ -41,10 +41,10 @@ from sim._kernels.tensor_element import (
     J_ROW,
     MODULI_ROW,
     P_ROW,
-    ROWS,
     S_ROW,
     SMALL_D_ROW,
     SMALL_S_ROW,
+    TENSOR_ROWS,
     W_ROW,
     add_geometric,
     add_moduli,
@@ -152,8 +152,8 @@ def evaluate(
     x = np.empty((NODES, 3))
     at = point_scratch()
     S, D, St, Dt = at.S, at.D, np.empty(6), np.empty((6, 6))
-    w = rows(ROWS)
-    clear(w, 0, ROWS)
+    w = rows(TENSOR_ROWS)
+    clear(w, 0, TENSOR_ROWS)
     for e in range(part.chunk[begin], part.chunk[end]):
         own = part.element[e]
         energy[own] = 0.0

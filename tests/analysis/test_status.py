@@ -77,19 +77,19 @@ def excluded(made: xr.Dataset, *, blank: bool) -> xr.Dataset:
     return made
 
 
-def shown(found: object) -> object:
+def shown(given: object) -> object:
     """A result as text, or as the picture of a figure."""
-    if hasattr(found, "savefig"):
-        return encoded_figure(found, ".svg")
-    if isinstance(found, dict):
-        return {name: shown(value) for name, value in found.items()}
-    if isinstance(found, tuple | list):
-        return [shown(value) for value in found]
-    if dataclasses.is_dataclass(found) and not isinstance(found, Table):
-        return shown(vars(found))
-    if isinstance(found, xr.Dataset | xr.DataArray):
-        return found.to_dict()
-    return found.text() if isinstance(found, Table) else found
+    if hasattr(given, "savefig"):
+        return encoded_figure(given, ".svg")
+    if isinstance(given, dict):
+        return {name: shown(value) for name, value in given.items()}
+    if isinstance(given, tuple | list):
+        return [shown(value) for value in given]
+    if dataclasses.is_dataclass(given) and not isinstance(given, Table):
+        return shown(vars(given))
+    if isinstance(given, xr.Dataset | xr.DataArray):
+        return given.to_dict()
+    return given.text() if isinstance(given, Table) else given
 
 
 @pytest.mark.parametrize("function", functions())

@@ -10,7 +10,7 @@ import sim
 import sim.integrators.factor
 from sim.contact import cone
 from sim.contact.compiled import CONTACT_MEMORY, FORCE
-from sim.contact.compliance import AT_ONCE, KNOWN, LEARNT, Compliance, DelassusMatrix
+from sim.contact.compliance import COLUMNS_AT_ONCE, KNOWN, LEARNT, Compliance, DelassusMatrix
 from sim.contact.cone import solve_lcp
 from sim.contact.rows import ContactRows, directions
 from sim.integrators.factor import LBFGS, CompactBFGS
@@ -110,7 +110,7 @@ def test_compliance_is_found_once_per_unknown():
             compliance.between(D, other), expected, rtol=0, atol=1e-9 * np.abs(expected).max()
         )
     assert sum(asked) <= len(whole)
-    assert max(asked) <= AT_ONCE
+    assert max(asked) <= COLUMNS_AT_ONCE
     before = len(asked)
     compliance.between(D, other)
     assert len(asked) == before

@@ -12,7 +12,7 @@ from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from sim.contact.rows import ContactTolerances
 from sim.contact.search import Candidates, SignedFaces
-from sim.integrators.linear_rows import SHARE
+from sim.integrators.linear_rows import ROW_MOTION_SHARE
 from tests.bodies import grid
 from tests.contact.scenes import CASES, contact_of, moved, system_of, two_bodies
 
@@ -112,7 +112,7 @@ def test_a_symmetric_face_purses_symmetrically(coarse, method, integrator):
     # Contact forces of a linearly implicit step end when they move rows by less than this, and its
     # factor is of single precision: left and right then agree to the same length.
     linear = integrator in (sim.LinearlyImplicitEuler, sim.LinearlyImplicitTrapezoidal)
-    left = SHARE * ContactTolerances().residual if linear else 1e-9
+    left = ROW_MOTION_SHARE * ContactTolerances().residual if linear else 1e-9
     assert pursed_asymmetry(coarse, integrator) < left
 
 
