@@ -88,7 +88,8 @@ def frictional(
     where P projects onto the disc of radius mu f_n. Newton's method solves these equations until their
     violation is `VIOLATION_SHARE` of that by the initial forces; where it cycles, sweeps over the
     contacts provide another start. Of forces that do not converge, the most accurate are returned, with
-    the violation by which callers recognise them; it is 0 for others. All obey the bounds of Coulomb's law exactly.
+    the violation by which callers recognise them; it is 0 for others. All obey the bounds of Coulomb's
+    law exactly.
 
     Parameters
     ----------

@@ -119,3 +119,72 @@ def test_a_name_of_nothing_is_found(tmp_path: Path) -> None:
     (tmp_path / "make.py").write_text(text)
     wanted = {"emgface.one.gone", "emgface.one.lost", "emgface.two"}
     assert missing(tmp_path) == {f"make.py: {name}" for name in wanted}
+
+
+WITHOUT_MEANING = {"found", "told", "held", "beside", "of"}
+"""Names that do not say what is found, told, held or meant."""
+
+
+def bound(tree: ast.AST) -> set[str]:
+    """Names that a module binds: functions, classes, parameters and variables."""
+    names = set[str]()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.arg):
+            names.add(node.arg)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            names.add(node.id)
+    return names
+
+
+def empty_names(text: str) -> set[str]:
+    """Names of a module that say nothing by themselves."""
+    return {n for n in bound(ast.parse(text)) if n.strip("_").lower() in WITHOUT_MEANING}
+
+
+def test_names_say_what_they_are(root: Path) -> None:
+    """A variable is named for what it contains, a function for what it computes."""
+    paths = [p for name in (*OWN, "docs") for p in sorted((root / name).rglob("*.py"))]
+    assert len(paths) > 1000
+    texts = {p.relative_to(root).as_posix(): p.read_text(encoding="utf-8") for p in paths}
+    assert not {name: names for name, text in texts.items() if (names := empty_names(text))}
+    assert not [name for name in texts if Path(name).stem.strip("_") in WITHOUT_MEANING]
+
+
+def test_an_empty_name_is_noticed() -> None:
+    assert empty_names("def _of(held):\n    found = held\n") == {"_of", "held", "found"}
+    assert empty_names("class Told:\n    found_faces = 1\n") == {"Told"}
+
+
+def constants(root: Path) -> dict[str, set[tuple[str, str]]]:
+    """Modules of `sim` that define each public constant, with the expression of its value."""
+    places = defaultdict[str, set[tuple[str, str]]](set)
+    for path in sorted((root / "sim").rglob("*.py")):
+        here = path.relative_to(root).as_posix()
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if not isinstance(node, ast.Assign):
+                continue
+            for target in node.targets:
+                pairs = [(target, node.value)]
+                if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+                    pairs = list(zip(target.elts, node.value.elts, strict=True))
+                for name, value in pairs:
+                    if isinstance(name, ast.Name) and name.id.isupper() and name.id[0] != "_":
+                        places[name.id].add((here, ast.unparse(value)))
+    return places
+
+
+def test_constants_of_the_mechanics_have_one_value(root: Path) -> None:
+    """A constant that a second module needs too has the same value there, and the same meaning."""
+    every = constants(root)
+    assert len(every) > 200
+    assert not {n: p for n, p in every.items() if len({value for _, value in p}) > 1}
+
+
+def test_a_constant_with_two_values_is_noticed(tmp_path: Path) -> None:
+    (tmp_path / "sim").mkdir()
+    (tmp_path / "sim" / "one.py").write_text("MOST, LEAST = 1, 2\n")
+    (tmp_path / "sim" / "two.py").write_text("MOST = 3\n")
+    values = {value for _, value in constants(tmp_path)["MOST"]}
+    assert values == {"1", "3"} and len(constants(tmp_path)["LEAST"]) == 1

@@ -54,7 +54,7 @@ def test_a_cubic_motion_is_interpolated_exactly():
 
 def test_outputs_inside_steps_are_as_accurate_as_their_ends(block, monkeypatch):
     monkeypatch.setattr(
-        sim.outputs, "STRAIGHT", np.inf
+        sim.outputs, "STRAIGHT_ACTIVATION", np.inf
     )  # the cubic is also exact for a varying acceleration
     fine = motion(block, sim.FixedStep(2.5e-4), 0.005)["node_position"]
     errors = []
@@ -79,7 +79,7 @@ def test_fewer_outputs_are_a_selection_with_the_counts_of_all_their_steps(block)
 
 def test_divided_steps_are_interpolated_piece_by_piece(block, monkeypatch):
     """An interval of error control is interpolated between the ends of its steps."""
-    monkeypatch.setattr(sim.outputs, "STRAIGHT", np.inf)
+    monkeypatch.setattr(sim.outputs, "STRAIGHT_ACTIVATION", np.inf)
     nodes = np.flatnonzero(block.scene.mesh.X[:, 2] > 0.0)
     fine = motion(block, sim.FixedStep(2.5e-4), 0.005)["node_position"]
     steps = sim.ErrorControlledStep(1e-5, 0.04, nodes)
