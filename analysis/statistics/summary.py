@@ -91,7 +91,9 @@ def conclusions(statistics: Mapping[str, xr.Dataset], *, together: bool = False)
     variable, origin = str(exact.attrs["variable"]), str(exact.attrs["origin"])
     tested = int((exact["n"].values > 1).sum())
     sentences: list[str] = []
-    general: dict[str, list[int]] = {}  # of a sentence, the places in `told` that it belongs to
+    general: dict[
+        str, list[int]
+    ] = {}  # of a sentence, the places in `sentences` that it belongs to
     for index, contrast in enumerate(exact["contrast"].values):
         row = exact.isel(contrast=index)
         p, least, n = float(row["p_joint"]), float(row["smallest_p"]), int(row["n"])

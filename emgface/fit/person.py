@@ -24,6 +24,7 @@ from emgface.fit.inputs import (
     in_face_frame,
     outer_layer,
     pair_points,
+    points_of_face,
     provenance,
 )
 from emgface.fit.likeness import changed_measures, nearer_face
@@ -35,6 +36,7 @@ from emgface.fit.places import (
     missed_landmarks,
     other_side,
     second_layer,
+    uncovered_points,
     unexpected_part,
 )
 from emgface.fit.readers.guard import FACE
@@ -168,6 +170,8 @@ def fit_face(
         fitted.attrs["fit_thickness_deviation"] = float(thickness)
     fitted.attrs.pop("muscle_radius", None)
     _check_corners(corners, result.position)
+    beyond = _beyond(fitted, paired, targets, scans)
+    sentences_on_fit, notes = sentences_on_fit + beyond, notes + beyond
     _check_fitted(fitted, (*doubts, *sentences_on_fit))
     fitted, sentences = with_courses(fitted, courses or {}, volumes)
     notes += sentences
@@ -306,6 +310,18 @@ def _targets(
 def _check_corners(corners: Corners, q: Floats) -> None:
     if not (corners.scaled_jacobians(q) > 0.0).all():
         raise FitError("an element of the fitted mesh is inverted at a corner, expected none")
+
+
+def _beyond(
+    fitted: xr.Dataset, paired: Paired, targets: Sequence[Target], scans: Mapping[str, Scan]
+) -> list[str]:
+    """Doubt about parts of a fitted face beyond the ends of the scan of the skin, if there is one."""
+    for target in targets:
+        if target.name == "skin":
+            points, names = points_of_face(fitted), paired.points.names
+            doubt = uncovered_points(target.surface, points, names, scans["skin"].source)
+            return [doubt] if doubt else []
+    return []
 
 
 def _distances(face: xr.Dataset, targets: Sequence[Target], result: Deformed) -> pd.DataFrame:

@@ -7,7 +7,7 @@ spline through the landmarks predicts where a surface lies, with the standard de
 `emgface.fit.strays`; parts of a surface beyond the limit for landmarks are named by their place.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -53,6 +53,7 @@ OTHER: Final = {
 REGION: Final = 4  #: smallest number of nodes around a landmark over which a depth is judged
 THINNEST: Final = 1e-4  #: depth of a surface that lies on the skin or outside [m]
 STEPS: Final = 5  #: number of steps to the motion of the landmarks
+UNCOVERED: Final = 0.01  #: distance of a named point of a face from a scan that ends before it [m]
 POINTS: Final = 3000  #: number of points of a surface that are compared with the prediction
 
 
@@ -232,6 +233,28 @@ def missed_landmarks(names: Sequence[str], miss: Floats, noise: float) -> str | 
         f"the fitted face misses {len(far)} of {int(np.isfinite(miss).sum())} landmarks by more than "
         f"{1e3 * limit:.1f} mm ({named}): look at the report there, whether the landmark or the surface "
         "next to it is wrong (holes, folds, a second layer)"
+    )
+
+
+def uncovered_points(
+    surface: Surface, points: Mapping[str, Floats], landmarks: Sequence[str], name: str
+) -> str | None:
+    """Doubt about named points of a fitted face (3,) [m] that neither a scan nor a landmark determines.
+
+    Beyond the ends of a scan the face keeps the shape of the one that was fitted, moved along.
+    """
+    names = [point for point in points if point not in landmarks]
+    if not names:
+        return None
+    distance = surface.nearest(np.array([points[point] for point in names])).distance
+    far = [k for k in np.argsort(-distance) if distance[k] > UNCOVERED]
+    if not far:
+        return None
+    named = ", ".join(f"{names[k]} {1e3 * distance[k]:.0f} mm" for k in far[:4])
+    return (
+        f"{name} ends before {len(far)} of the named points of the face, for which no landmark is given "
+        f"({named}): there the shape is not that of the person, and may be wrong by several "
+        "millimetres; give landmarks there, or do not use that part"
     )
 
 

@@ -68,7 +68,7 @@ def side_by_side(
     trials = [_trial(name, motions, activations[name], centre, plain=plain) for name in names]
     markers = [f"{m} {when}" for when in ("before", "after") for m in intact["marker"].values]
     return data | {
-        "beside": packed(adjacent),
+        "panels": packed(adjacent),
         "sides": [-1] * intact.sizes["marker"] + [1] * treated.sizes["marker"],
         "what": "faces before (left) and after (right) a simulated treatment",
         "instructions": {

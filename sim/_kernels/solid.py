@@ -189,8 +189,8 @@ def element_stress(
     """Write energy and least det F of element e of a part, and in w its stress and moduli at the points.
 
     The stress Pn is in rows STRESS.. and, if requested, the moduli An in rows MODULI.. of w, which is
-    (SOLID_ROWS, 8), times the volumes; x (8, 3) is scratch memory. Returns False, without a stress, if det F <= 0 or
-    the weight of the element is zero.
+    (SOLID_ROWS, 8), times the volumes; x (8, 3) is scratch memory. Returns False, without a stress, if
+    det F <= 0 or the weight of the element is zero.
     """
     own = part.element[e]
     energy[own] = 0.0

@@ -42,7 +42,7 @@ class Target(Protocol):
 
 
 def interpolated(time: Array, values: Array, t: float) -> Array:
-    """Linear interpolation over the first dim, constant outside; NaN beside a missing sample."""
+    """Linear interpolation over the first dim, constant outside; NaN next to a missing sample."""
     i = int(np.clip(np.searchsorted(time, t, side="right") - 1, 0, len(time) - 1))
     j = min(i + 1, len(time) - 1)
     if i == j or t <= time[i]:

@@ -4,11 +4,12 @@ import re
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from benchmarks.fit_ends import DOUBTED, NEAR, apart, end_of, judged
-from benchmarks.fit_inputs import damaged, other_pose, person_of, self_intersection
+from benchmarks.fit_inputs import cropped, damaged, other_pose, person_of, self_intersection
 from emgface.errors import FitError
 from emgface.face.artisynth import import_artisynth
 from emgface.face.parts import FREE
@@ -21,6 +22,7 @@ from emgface.fit.places import (
     check_landmarks_on,
     missed_landmarks,
     second_layer,
+    uncovered_points,
     unexpected_part,
 )
 from emgface.fit.readers.landmarks import landmarks_of
@@ -212,10 +214,25 @@ def test_a_fold_near_the_corner_of_the_mouth_is_reported():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "damage"), [(53, other_pose), (118, self_intersection)])
+@pytest.mark.parametrize(
+    ("number", "damage"), [(37, cropped), (53, other_pose), (118, self_intersection)]
+)
 def test_inputs_that_gave_a_far_face_silently_are_doubted(generic, person, number, damage):
     _, marks, points, triangles = damaged(person, number, damage)
     assert end_of(generic, person, marks, (points, triangles)).startswith(f"{DOUBTED}, far")
+
+
+def test_points_beyond_the_ends_of_a_scan_are_named():
+    """A point on the part of a sphere that was scanned is covered; those beyond need a landmark."""
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.1)
+    sphere = Surface(np.array(ball.vertices), np.array(ball.faces))
+    points = dict(zip("abc", 0.1 * np.eye(3), strict=True))
+    assert uncovered_points(sphere, points, (), "skin") is None
+    above = sphere.points[:, 2] > 0.03
+    part = Surface(sphere.points, sphere.triangles[above[sphere.triangles].all(axis=1)])
+    sentence = uncovered_points(part, points, (), "scan.ply")
+    assert sentence is not None and "scan.ply ends before 2 of" in sentence and "c " not in sentence
+    assert uncovered_points(part, points, ("a", "b"), "scan.ply") is None  # both have landmarks
 
 
 @pytest.fixture(scope="module")

@@ -57,7 +57,7 @@ async function unpack() {
   normal = new Float32Array(own.length);
   colour = own.slice();
   moved = new Float32Array(own.length / 3);
-  panel = data.beside ? Float32Array.from(new Int8Array((await bytes(data.beside)).buffer)) : new Float32Array(own.length / 3);
+  panel = data.panels ? Float32Array.from(new Int8Array((await bytes(data.panels)).buffer)) : new Float32Array(own.length / 3);
   millimetres(teeth, 0, teeth.length, position.subarray(position.length - teeth.length));
 }
 
@@ -106,7 +106,7 @@ function span(axis) {
 function camera(width, height) {
   let half = 0, shift = 0;
   const seen = Object.values(data.views).map(([yaw, pitch]) => axes(yaw, pitch).map(span));
-  if (data.beside) shift = 0.53 * Math.max(...seen.map(([right]) => right[1] - right[0]));
+  if (data.panels) shift = 0.53 * Math.max(...seen.map(([right]) => right[1] - right[0]));
   for (const [right, up] of seen) {
     half = Math.max(half, 0.53 * (up[1] - up[0]), ((0.53 * (right[1] - right[0]) + shift) * height) / width);
   }
@@ -221,7 +221,7 @@ function webgl() {
       markers[kind].forEach((one, m) => {
         const at = points[kind]?.[m];
         one.visible = Boolean(at);
-        const side = data.beside ? shift * data.sides[m] : 0;
+        const side = data.panels ? shift * data.sides[m] : 0;
         if (at) { one.position.set(...at.map((x, k) => x + side * frame[0][k])); one.scale.setScalar(size); }
       });
     }
@@ -291,7 +291,7 @@ function plain() {
     for (const kind of KINDS) {
       (points[kind] ?? []).forEach((point, m) => {
         if (!point) return;
-        const [u, v] = project(...point, data.beside ? data.sides[m] : 0, [], 0);
+        const [u, v] = project(...point, data.panels ? data.sides[m] : 0, [], 0);
         mark(pen, kind, u, v, 5 * ratio, 1.2 * ratio);
       });
     }
