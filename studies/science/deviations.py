@@ -81,7 +81,7 @@ def agreement(
     return np.array(
         [
             correlation(estimate[own][:, at], truth[own][:, at])
-            for own in map(trials.of, trials.persons)
+            for own in map(trials.of_volunteer, trials.persons)
         ]
     )
 
