@@ -99,7 +99,9 @@ def ingredients(face: xr.Dataset) -> dict[str, Floats]:
     from scipy.spatial import KDTree
 
     X = face["position"].values
-    skin, inner = (KDTree(X[Sheet.from_face(face, layer).nodes]).query(X)[0] for layer in (OUTER, INNER))
+    skin, inner = (
+        KDTree(X[Sheet.from_face(face, layer).nodes]).query(X)[0] for layer in (OUTER, INNER)
+    )
     mouth = X[face["marker_node"].values].mean(axis=0)
     away = np.linalg.norm(X - mouth, axis=1)
 

@@ -99,7 +99,9 @@ def name_findings(path: Path, task_name: object = None) -> list[Finding]:
     if label.isdecimal() and int(label) == 0:
         findings.append(Finding("no_repetition", values={"label": label}))
     if other_task(path, task_name):
-        findings.append(Finding("task", values={"stated": str(task_name)[:80], "label": own["task"]}))
+        findings.append(
+            Finding("task", values={"stated": str(task_name)[:80], "label": own["task"]})
+        )
     return findings
 
 
