@@ -21,7 +21,6 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sim.dense import dot
-from sim.errors import ContactFailure
 from sim.pattern import Flags, SymmetricPattern
 from sim.scene import Index
 from sim.state import Array
@@ -99,9 +98,6 @@ class ContactTolerances:
         """Distance outside the surface from which the path of such a vertex starts [m]."""
         return 2e-4 * self.length
 
-
-PAIR_FIRST = np.array([0, 0, 0, 0, 1, 1, 1, 2, 2, 3])
-PAIR_SECOND = np.array([0, 1, 2, 3, 1, 2, 3, 2, 3, 3])
 
 PLACED = 1e-6  #: change of normals and weights of rows that requires no renewal
 
@@ -208,54 +204,6 @@ def at_end(rows: ContactRows, lift: Array, near: ContactRows) -> ContactRows:
         gap=np.where(changed, other.gap + lift, rows.gap),
         shell_motion=np.where(one, other.shell_motion, rows.shell_motion),
     )
-
-
-class RowPlaces:
-    """Positions of the blocks of rows in the values of a pattern.
-
-    Names of the pairings and the declared reach [m] are for the message.
-    """
-
-    def __init__(
-        self, pattern: SymmetricPattern, rows: ContactRows, names: tuple[str, ...], reach: float
-    ) -> None:
-        a, b = rows.nodes[:, PAIR_FIRST], rows.nodes[:, PAIR_SECOND]
-        self._product = rows.weight[:, PAIR_FIRST] * rows.weight[:, PAIR_SECOND]
-        used = self._product != 0.0
-        keys = np.minimum(a, b) * pattern.n_nodes + np.maximum(a, b)
-        place = np.minimum(
-            pattern.pair_index(keys.ravel()).reshape(keys.shape), len(pattern.pairs) - 1
-        )
-        lost = used & (pattern.pairs[place] != keys)
-        # A row need not become active.
-        self._lost = lost.any(axis=1)
-        self._rows, self._names, self._reach = rows, names, reach
-        self._row, self._entry = np.nonzero(used & ~lost)
-        self._target = pattern.target[place[self._row, self._entry]]
-        self._nnz = pattern.nnz
-
-    def add(self, block: Array, scale: float, values: Array) -> None:
-        """Values += scale sum over rows of the blocks (k, 3, 3) between all nodes of a row.
-
-        Raises ContactFailure if the pattern does not contain the nodes of a row with a block.
-        """
-        lost = np.flatnonzero(self._lost & block.any(axis=(1, 2)))
-        if len(lost):
-            vertex, *face = self._rows.nodes[lost[0]].tolist()
-            name = self._names[int(self._rows.pairing[lost[0]])]
-            raise ContactFailure(
-                f"node {vertex} and the face of nodes {face} of pairing {name!r} are in "
-                f"contact, but their distance at rest exceeds the reach of {self._reach:g} "
-                "m: increase the reach of the contact",
-                surface=name,
-                node=vertex,
-            )
-        parts = (
-            scale * self._product[self._row, self._entry, None] * block.reshape(-1, 9)[self._row]
-        )
-        # The pattern stores only the upper triangle of a pair of two nodes.
-        stored = (self._target >= 0) & (parts != 0.0)
-        values += np.bincount(self._target[stored], parts[stored], self._nnz)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from sim.contact.compiled import (
     CompiledContact,
     StepGeometry,
 )
-from sim.contact.rows import ContactForces, ContactRows, Flags, Multipliers, RowPlaces
+from sim.contact.rows import ContactForces, ContactRows, Flags, Multipliers
 from sim.pattern import SymmetricPattern
 from sim.scene import Index
 from sim.state import Array, State
@@ -170,10 +170,6 @@ class ContactStep:
     def multipliers(self, rows: ContactRows, rho: Array) -> Multipliers:
         """Rows with the multipliers of their vertices from the state."""
         return _shared(rows, rho, self._memory[:, PUSH], self._memory[:, FRICTION])
-
-    def places(self, pattern: SymmetricPattern, rows: ContactRows) -> RowPlaces:
-        """Positions of the blocks of rows."""
-        return RowPlaces(pattern, rows, self.contact.names, self.contact.reach)
 
     def memory(
         self, q: Array, near: ContactRows, multipliers: Multipliers, acting: ContactForces

@@ -9,8 +9,8 @@ import numpy as np
 from sim.contact.rows import ALTERNATING, ContactRows, Multipliers, at_end
 from sim.contact.step import ContactStep, Opened, carried_over, penalties, renewed
 from sim.errors import NotConverged
+from sim.integrators.assembled_contact import AssembledContact, RowPlaces
 from sim.integrators.contact_potential import (
-    AssembledContact,
     PointInContact,
     SchurContact,
     SchurContactUnderConstraints,
@@ -154,7 +154,7 @@ def minimise_in_contact(
             constrained = potential.system.constraints is not None
             kind = SchurContactUnderConstraints if constrained else SchurContact
             return kind(potential, multipliers, step.q0)
-        places = step.places(pattern, multipliers.rows)
+        places = RowPlaces(pattern, multipliers.rows, step.contact.names, step.contact.reach)
         return AssembledContact(potential, multipliers, step.q0, places)
 
     diagonal = _stiffness_met(potential, start, key, work)

@@ -1,7 +1,7 @@
 """Potentials with contact forces, augmented Lagrangians of the gaps g >= 0, (11) of docs/step.md.
 
 Contact forces follow from the Schur complement (5) of rows apart from the matrix, also under
-constraints (12), or the rows are assembled into the matrix.
+constraints (12). `sim.integrators.assembled_contact` has the rows in the matrix instead.
 """
 
 from dataclasses import dataclass, replace
@@ -11,24 +11,14 @@ from scipy.sparse import csr_array
 
 from sim.contact.compliance import Compliance, DelassusMatrix
 from sim.contact.cone import frictional, solve_lcp
-from sim.contact.rows import ContactForces, ContactRows, Multipliers, RowPlaces, across, directions
-from sim.contact.step import penalty_forces
+from sim.contact.rows import ContactForces, ContactRows, Multipliers, across, directions
 from sim.dense import solve_under_rows
 from sim.integrators.newton import Point, Potential
 from sim.integrators.workspace import Workspace
 from sim.linear.contract import Matrix
-from sim.linear.krylov import conjugate_gradients
 from sim.pattern import Flags, SymmetricPattern
 from sim.scene import Index
 from sim.state import Array
-
-IN_MATRIX = 3.0
-"""Penalty of a row relative to the stiffness, so small that factors can be reused."""
-
-ASSEMBLED_PATIENCE = 6  #: number of iterations with one factor if rows are assembled
-
-FREED, FREED_LIMIT = 1e-4, 60
-"""Relative error of a solution without the rows of the factor, and largest number of its iterations."""
 
 SCHUR_PENALTY = 300.0  #: penalty of a row relative to the stiffness
 
@@ -105,55 +95,6 @@ class ContactPotential(Potential):
     def acting(self, point: Point) -> ContactForces:
         """Contact forces at a point."""
         return self.multipliers.at(point.pose.q - self._q0)
-
-
-class AssembledContact(ContactPotential):
-    """Assembled contact, for very many rows or a matrix that is singular without contact."""
-
-    penalty, patience = IN_MATRIX, ASSEMBLED_PATIENCE
-
-    def __init__(
-        self, potential: Potential, multipliers: Multipliers, q0: Array, places: RowPlaces
-    ) -> None:
-        super().__init__(potential, multipliers, q0)
-        self._places = places
-
-    def matrix(self, point: Point) -> Matrix:
-        """Scale times the second derivative of potential and augmentation."""
-        A = super().matrix(point)
-        self._places.add(self.multipliers.stiffness(self.acting(point)), self.scale, A.values)
-        return A
-
-    def freed(self, point: Point, rhs: Array, work: Workspace) -> Array:
-        """Solution (n,) without the rows, which the factor contains and by which it is too small."""
-        times = super().matrix(point).times
-        return conjugate_gradients(times, lambda r: self.answer(r, work), rhs, FREED, FREED_LIMIT)[
-            0
-        ]
-
-    def settled(self, point: Point) -> ContactForces:
-        """Contact forces at the end of the iteration."""
-        return self.acting(point)
-
-    def solve_under_rows(self, rhs: Array, work: Workspace, opening: Array) -> Array:
-        """Solution with the factor, whose matrix contains the active rows, opened by (k,) [m]."""
-        if opening.any():
-            rows = self.multipliers.rows
-            push = (self.multipliers.rho * opening)[:, None] * rows.normal
-            rhs = rhs + self.scale * self.generalised(rows.spread(push, len(self._q0)))
-        return self.answer(rhs, work)
-
-    def opened(
-        self, rows: ContactRows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
-    ) -> Array:
-        """Displacements (n_nodes, 3) that open rows approximately by distances (k,) [m].
-
-        `pushing` are contact vertices of active rows; `diagonal` (n_free,) is of the stiffness [N/m].
-        """
-        push = penalty_forces(
-            rows, wanted, pushing, self.system.point_pattern, diagonal, self.penalty
-        )
-        return self.opening(self.answer(self.scale * self.generalised(push), work))
 
 
 class UnitVectors:
@@ -379,7 +320,10 @@ class SchurContact(ContactPotential):
     def opened(
         self, rows: ContactRows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
     ) -> Array:
-        """Same as `AssembledContact.opened`, with other active rows kept closed, without friction."""
+        """Displacements (n_nodes, 3) that open rows by (k,) [m], without friction.
+
+        Other active rows stay closed; `pushing` are contact vertices of active rows.
+        """
         own = self.multipliers.rows
         others = np.flatnonzero(
             np.isin(own.contact_vertex, pushing) & ~np.isin(own.contact_vertex, rows.contact_vertex)
