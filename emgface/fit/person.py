@@ -30,6 +30,7 @@ from emgface.fit.inputs import (
 from emgface.fit.likeness import changed_measures, nearer_face
 from emgface.fit.measures import distances, quality_rows
 from emgface.fit.places import (
+    UNCOVERED,
     check_landmarks_off,
     check_landmarks_on,
     implausible_thickness,
@@ -318,7 +319,12 @@ def _beyond(
     """Doubt about parts of a fitted face beyond the ends of the scan of the skin, if there is one."""
     for target in targets:
         if target.name == "skin":
-            points, names = points_of_face(fitted), paired.points.names
+            names = paired.points.names
+            skin = target.sheet.at(fitted["position"].values)
+            every = points_of_face(fitted)
+            # markers of the forehead are beyond the mesh, whose shape they do not concern
+            own = skin.nearest(np.array(list(every.values()))).distance <= UNCOVERED
+            points = {name: at for (name, at), on in zip(every.items(), own, strict=True) if on}
             doubt = uncovered_points(target.surface, points, names, scans["skin"].source)
             return [doubt] if doubt else []
     return []

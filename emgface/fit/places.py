@@ -218,6 +218,12 @@ def left_landmarks(miss: Floats, noise: float) -> str | None:
     )
 
 
+def _beyond(names: Sequence[str], distance: Floats, limit: float) -> list[str]:
+    """Names with their distances (n,) [m], the largest first, of points beyond a limit."""
+    order = np.argsort(-np.nan_to_num(distance))
+    return [f"{names[k]} {1e3 * distance[k]:.1f} mm" for k in order if distance[k] > limit]
+
+
 def missed_landmarks(names: Sequence[str], miss: Floats, noise: float) -> str | None:
     """Doubt about a fitted surface that ends far from landmarks, `miss` (n,) [m], NaN beyond the skin.
 
@@ -225,14 +231,13 @@ def missed_landmarks(names: Sequence[str], miss: Floats, noise: float) -> str | 
     place of a landmark is within a few standard deviations.
     """
     limit = max(MISSED, 5.0 * noise)
-    far = [k for k in np.argsort(-np.nan_to_num(miss)) if miss[k] > limit]
+    far = _beyond(names, miss, limit)
     if not far:
         return None
-    named = ", ".join(f"{names[k]} {1e3 * miss[k]:.1f} mm" for k in far[:3])
     return (
         f"the fitted face misses {len(far)} of {int(np.isfinite(miss).sum())} landmarks by more than "
-        f"{1e3 * limit:.1f} mm ({named}): look at the report there, whether the landmark or the surface "
-        "next to it is wrong (holes, folds, a second layer)"
+        f"{1e3 * limit:.1f} mm ({', '.join(far[:3])}): look at the report there, whether the landmark "
+        "or the surface next to it is wrong (holes, folds, a second layer)"
     )
 
 
@@ -247,14 +252,13 @@ def uncovered_points(
     if not names:
         return None
     distance = surface.nearest(np.array([points[point] for point in names])).distance
-    far = [k for k in np.argsort(-distance) if distance[k] > UNCOVERED]
+    far = _beyond(names, distance, UNCOVERED)
     if not far:
         return None
-    named = ", ".join(f"{names[k]} {1e3 * distance[k]:.0f} mm" for k in far[:4])
     return (
         f"{name} ends before {len(far)} of the named points of the face, for which no landmark is given "
-        f"({named}): there the shape is not that of the person, and may be wrong by several "
-        "millimetres; give landmarks there, or do not use that part"
+        f"({', '.join(far[:4])}): there the shape is not that of the person, and may be wrong by "
+        "several millimetres; give landmarks there, or do not use that part"
     )
 
 

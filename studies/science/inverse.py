@@ -1,4 +1,4 @@
-"""What markers and sEMG reveal of a person's own activation; estimates that cannot know it.
+"""Activations estimated from markers and sEMG, compared with estimates without data of the person.
 
     python -m studies.science --only inverse
 
