@@ -30,8 +30,8 @@ def lips_of_motion(motion: xr.Dataset) -> str:
     least = int(np.nanargmin(opening))
     at = f"at {float(motion['time'].values[least]):.2f} s"
     start = f"The margins of the lips are {opening[0]:.1f} mm apart in the midline at the start"
-    if opening[least] < 0.0:
+    if opening[least] < -0.05:  # what is printed as 0.0 mm is a contact of the margins
         return (
             f"{start}; {at} one lip is in front of the other by {-opening[least]:.1f} mm in height."
         )
-    return f"{start}, and {opening[least]:.1f} mm where they are closest ({at})."
+    return f"{start}, and {max(opening[least], 0.0):.1f} mm where they are closest ({at})."

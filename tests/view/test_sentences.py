@@ -263,5 +263,7 @@ def test_the_closest_lips_of_a_motion_are_stated(coarse: xr.Dataset) -> None:
     assert "(at 0.10 s)" in apart
     passed = lips_of_motion(moved(coarse, np.array([2.85e-3, 1e-3, -0.4e-3])))
     assert "at 0.20 s one lip is in front of the other by 0.4 mm" in passed
+    touching = lips_of_motion(moved(coarse, np.array([2.85e-3, -0.02e-3, 1e-3])))
+    assert "and 0.0 mm where they are closest (at 0.10 s)" in touching
     assert lips_of_motion(moved(coarse, np.full(3, np.nan))) == ""
     assert "2.9 mm apart" in motion_page(moved(coarse, np.array([2.85e-3, 1e-3, 1e-3])))
