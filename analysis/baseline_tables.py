@@ -9,7 +9,7 @@ from analysis.baselines import NO_ROOM, complete, has_baselines, unexplained
 from analysis.descriptives import mean_defined
 from analysis.statistics.finding import persons
 from analysis.statistics.scope import too_few_volunteers
-from analysis.statistics.skill import LEVELS, against_baselines
+from analysis.statistics.skill import CORRELATIONS, against_baselines
 from analysis.tables import Column, Table, origin_of, recordings
 from analysis.typed import scored_values, selected, texts
 
@@ -17,7 +17,7 @@ HEADS: Final = (
     "rho", "template", "all persons", "repeat", "ceiling", "EMG of others", "shuffled EMG",
     "wrong instruction", "best wrong",
 )  # fmt: skip
-"""Column heads of `LEVELS`."""
+"""Column heads of `CORRELATIONS`."""
 NOTE: Final = (
     "Means over markers and trials. template: mean motion of the other volunteers, without "
     "EMG; all persons: the template, extrapolated to infinitely many volunteers; repeat: another "
@@ -29,7 +29,7 @@ NOTE: Final = (
 )
 
 
-NOTHING: Final = (
+NO_BASELINES: Final = (
     "No other volunteer, instruction or repetition was scored, so that rho cannot be "
     "compared with baselines."
 )
@@ -49,7 +49,7 @@ def baseline_table(compared: xr.Dataset) -> Table:
     rows: list[tuple[Any, ...]] = []
     for strategy in compared["strategy"].values:
         one = selected(compared, {"strategy": strategy})
-        row: list[Any] = [str(strategy), *(float(one[name]) for name in LEVELS)]
+        row: list[Any] = [str(strategy), *(float(one[name]) for name in CORRELATIONS)]
         for name in shown:
             row += [float(one[name]), *map(float, one[f"{name}_interval"].values)]
         rows.append((*row, int(one["volunteers"]), int(one["trials"])))
@@ -74,7 +74,7 @@ def baseline_instruction_table(cube: xr.Dataset) -> Table:
     for instruction in cube["instruction"].values:
         for strategy in cube["strategy"].values:
             one = selected(cube, {"instruction": instruction, "strategy": strategy})
-            levels = [mean_defined(one[name]) for name in LEVELS]
+            levels = [mean_defined(one[name]) for name in CORRELATIONS]
             skill = one["skill"].values[np.isfinite(one["skill"].values)]
             no_room = int((texts(one["skill_reason"]) == NO_ROOM).sum())
             middle = float(np.median(skill)) if len(skill) else np.nan
@@ -146,7 +146,7 @@ def what_rho_means(compared: xr.Dataset, rho: float = 0.9) -> list[str]:
         f"{100 * unexplained(0.99):.0f} % remains unexplained."
     ]
     # The mean over strategies, whose values differ only by missing trials.
-    levels = {name: mean_defined(compared[name]) for name in LEVELS}
+    levels = {name: mean_defined(compared[name]) for name in CORRELATIONS}
     template, ceiling = levels["template_rho"], levels["ceiling"]
     others = int(compared["template_volunteers"])
     if np.isfinite(template):
@@ -208,7 +208,7 @@ def comparison(
     `draws` and `seed` are those of the bootstrap.
     """
     if not has_baselines(cube):
-        return [NOTHING] if "template_rho" in cube else [], {}
+        return [NO_BASELINES] if "template_rho" in cube else [], {}
     compared = against_baselines(cube, draws=draws, seed=seed)
     tables = {
         "baselines": baseline_table(compared),

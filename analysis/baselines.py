@@ -15,44 +15,47 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from analysis.align import align
+from analysis.cube import TRIAL_DIMS
 from analysis.errors import AnalysisError, CubeError
 from analysis.noise import SMALLEST_SNR
 from analysis.registration import hold_ends
-from analysis.scores import ROUNDING
+from analysis.scores import MOTION_ROUNDING
 from analysis.trajectory import SMALLEST_MOTION, names
 
 Array = NDArray[np.float64]
 
 PERSON: Final = ("volunteer", "instruction")
-RECORDED: Final = (*PERSON, "repetition")
-TRIAL: Final = (*RECORDED, "strategy")
+RECORDING_DIMS: Final = (*PERSON, "repetition")
 
-VARIABLES: Final[dict[str, tuple[tuple[str, ...], str, str]]] = {
-    "template_rho": ((*RECORDED, "marker"), "1", "rho of the mean motion of the other volunteers"),
+BASELINE_VARIABLES: Final[dict[str, tuple[tuple[str, ...], str, str]]] = {
+    "template_rho": ((*RECORDING_DIMS, "marker"), "1", "rho of the mean motion of the other volunteers"),
     "template_amplitude_ratio": (
-        (*RECORDED, "marker"), "1",
+        (*RECORDING_DIMS, "marker"), "1",
             "amplitude of the mean motion of the other volunteers divided by the measured one"),
     "template_volunteers": (PERSON, "1", "number of other volunteers in the template"),
-    "repeat_rho": ((*RECORDED, "marker"), "1", "mean rho of the person's other repetitions"),
+    "repeat_rho": ((*RECORDING_DIMS, "marker"), "1", "mean rho of the person's other repetitions"),
     "ceiling": (
-        (*RECORDED, "marker"), "1", "rho of the person's mean over infinitely many repetitions"),
+        (*RECORDING_DIMS, "marker"), "1", "rho of the person's mean over infinitely many repetitions"),
     "others_rho": (
-        (*TRIAL, "marker"), "1", "rho of the mean motion driven by the EMG of the other volunteers"),
-    "wrong_rho": ((*TRIAL, "marker"), "1", "mean rho of the person's other instructions"),
-    "wrong_rho_max": ((*TRIAL, "marker"), "1", "rho of the best of the other instructions"),
+        (*TRIAL_DIMS, "marker"), "1",
+        "rho of the mean motion driven by the EMG of the other volunteers"),
+    "wrong_rho": ((*TRIAL_DIMS, "marker"), "1", "mean rho of the person's other instructions"),
+    "wrong_rho_max": ((*TRIAL_DIMS, "marker"), "1", "rho of the best of the other instructions"),
     "shuffled_rho": (
-        (*TRIAL, "marker"), "1", "mean rho of motions driven by the EMG of other repetitions"),
+        (*TRIAL_DIMS, "marker"), "1", "mean rho of motions driven by the EMG of other repetitions"),
     "within_rho": (
         (*PERSON, "strategy", "marker"), "1", "correlation of deviations from the person's mean"),
-    "onset_error": (TRIAL, "s", "onset of the simulated minus that of the measured motion"),
-    "peak_error": (TRIAL, "s", "peak of the simulated minus that of the measured motion"),
-    "template_onset_error": (RECORDED, "s", "mean onset of the other volunteers minus the measured one"),
-    "template_peak_error": (RECORDED, "s", "mean peak of the other volunteers minus the measured one"),
-    "asymmetry_measured": (RECORDED, "1", "(left - right) / (left + right), measured motion"),
-    "asymmetry_simulated": (TRIAL, "1", "(left - right) / (left + right), simulated motion"),
+    "onset_error": (TRIAL_DIMS, "s", "onset of the simulated minus that of the measured motion"),
+    "peak_error": (TRIAL_DIMS, "s", "peak of the simulated minus that of the measured motion"),
+    "template_onset_error": (
+        RECORDING_DIMS, "s", "mean onset of the other volunteers minus the measured one"),
+    "template_peak_error": (
+        RECORDING_DIMS, "s", "mean peak of the other volunteers minus the measured one"),
+    "asymmetry_measured": (RECORDING_DIMS, "1", "(left - right) / (left + right), measured motion"),
+    "asymmetry_simulated": (TRIAL_DIMS, "1", "(left - right) / (left + right), simulated motion"),
     "template_asymmetry": (PERSON, "1", "(left - right) / (left + right), template"),
     "skill": (
-        TRIAL, "1", "(rho - template) / (ceiling - template), with a template of all persons"),
+        TRIAL_DIMS, "1", "(rho - template) / (ceiling - template), with a template of all persons"),
 }  # fmt: skip
 """Dims, unit and meaning of the baselines in a cube."""
 
@@ -173,7 +176,11 @@ def _centred(values: Array, least: float) -> tuple[Array, Array, NDArray[np.bool
     centred = values - values.mean(axis=2, keepdims=True)
     size = np.sqrt((centred**2).sum(axis=(1, 2)))
     moved = size / np.sqrt(values.shape[2])
-    return centred, size, (moved > ROUNDING * np.abs(values).max(axis=(1, 2))) & (moved >= least)
+    return (
+        centred,
+        size,
+        (moved > MOTION_ROUNDING * np.abs(values).max(axis=(1, 2))) & (moved >= least),
+    )
 
 
 def ceiling_of(repeat_rho: Array) -> Array:
@@ -242,18 +249,19 @@ def unexplained(rho: float) -> float:
 def with_baselines(cube: xr.Dataset, baselines: Mapping[str, xr.DataArray]) -> xr.Dataset:
     """Add baselines, ceiling and skill to a cube.
 
-    `baselines` contains the variables of `VARIABLES` except ``skill``; trials that they lack become
-    NaN. The result has all of `VARIABLES`, and text ``skill_reason`` (volunteer, instruction,
-    repetition, strategy). ``skill`` is computed from the means over the markers at which rho,
-    `template_limit` and ceiling are defined. Raises CubeError if a variable is unknown, or lacks a dim.
+    `baselines` contains the variables of `BASELINE_VARIABLES` except ``skill``; trials that they
+    lack become NaN. The result has all of `BASELINE_VARIABLES`, and text ``skill_reason``
+    (volunteer, instruction, repetition, strategy). ``skill`` is computed from the means over the
+    markers at which rho, `template_limit` and ceiling are defined. Raises CubeError if a variable
+    is unknown, or lacks a dim.
     """
-    unknown = [name for name in baselines if name not in VARIABLES or name == "skill"]
+    unknown = [name for name in baselines if name not in BASELINE_VARIABLES or name == "skill"]
     if unknown:
         raise CubeError(
-            f"{names(unknown)} is not a baseline, expected some of {names([*VARIABLES], 20)}"
+            f"{names(unknown)} is not a baseline, expected some of {names([*BASELINE_VARIABLES], 20)}"
         )
     added: dict[str, xr.DataArray] = {}
-    for name, (dims, units, meaning) in VARIABLES.items():
+    for name, (dims, units, meaning) in BASELINE_VARIABLES.items():
         shape = tuple(cube.sizes[dim] for dim in dims)
         data = xr.DataArray(np.full(shape, np.nan), dims=dims, coords={d: cube[d] for d in dims})
         if name in baselines:
@@ -281,7 +289,7 @@ def _skill(
     rho: xr.DataArray, template: xr.DataArray, ceiling: xr.DataArray
 ) -> tuple[xr.DataArray, xr.DataArray]:
     """Skill per trial and strategy, or the reason for its absence."""
-    dims = (*TRIAL, "marker")
+    dims = (*TRIAL_DIMS, "marker")
     rho, template, ceiling = (
         each.broadcast_like(rho).transpose(*dims) for each in (rho, template, ceiling)
     )
@@ -293,10 +301,10 @@ def _skill(
     reason[~np.isfinite(values)] = SKILL_REASONS[4]
     for missing, text in reversed(list(zip(lacking, SKILL_REASONS[1:4], strict=True))):
         reason[missing] = text
-    coords = {dim: rho[dim] for dim in TRIAL}
+    coords = {dim: rho[dim] for dim in TRIAL_DIMS}
     return (
-        xr.DataArray(values, dims=TRIAL, coords=coords),
-        xr.DataArray(reason, dims=TRIAL, coords=coords),
+        xr.DataArray(values, dims=TRIAL_DIMS, coords=coords),
+        xr.DataArray(reason, dims=TRIAL_DIMS, coords=coords),
     )
 
 

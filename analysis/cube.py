@@ -60,7 +60,7 @@ PER_TRIAL: Final = {
 OF_RUN: Final = ("sigma_max", "steps", "run_time", "numerical_error", "motion", "inaccurate",
                  "reduced")  # fmt: skip
 """Members of `PER_TRIAL` that are also known for a trial without scores."""
-TEXTS: Final = {
+TEXT_VARIABLES: Final = {
     "status": ("missing", "ok, missing, excluded, or failed"),
     "reason": ("no result was passed", "reason for missing scores, or remark on them"),
     "computed": ("", "UTC date of the last result"),
@@ -102,8 +102,8 @@ def build_cube(
     -------
     xarray.Dataset
         `PER_MARKER`, `OF_NOISE` and text ``marker_reason``, dims `MARKER_DIMS`; `PER_TRIAL` and
-        `TEXTS`, dims `TRIAL_DIMS`. Attributes: ``origin``, the choices common to all scores, and
-        ``environments``, a JSON object of the computing environments by the names in
+        `TEXT_VARIABLES`, dims `TRIAL_DIMS`. Attributes: ``origin``, the choices common to all
+        scores, and ``environments``, a JSON object of the computing environments by the names in
         ``computed_with``.
 
     Raises
@@ -152,7 +152,7 @@ def build_cube(
         for name in (*PER_MARKER, *OF_NOISE, *PER_TRIAL, *OF_INCISOR):
             if name in scores and name in values:
                 values[name][index] = scores[name].values
-    for name in (*TEXTS, "marker_reason"):
+    for name in (*TEXT_VARIABLES, "marker_reason"):
         cube[name] = cube[name].copy(data=values[name].astype(str))
     cube.attrs = {"origin": _origin(trials_, origin), **_choices(trials_)}
     cube.attrs["environments"] = json.dumps(dict(sorted(environments.items())))
@@ -172,7 +172,7 @@ def _empty(labels: dict[str, list[Any]], per_trial: dict[str, tuple[str, str]]) 
         for name, (units, meaning) in numbers.items():
             attrs = {"units": units, "long_name": meaning}
             cube[name] = (dims, np.full(shape[: len(dims)], np.nan), attrs)
-    for name, (absent, meaning) in TEXTS.items():
+    for name, (absent, meaning) in TEXT_VARIABLES.items():
         text = np.full(shape[:-1], absent, dtype=object)
         cube[name] = (TRIAL_DIMS, text, {"long_name": meaning})
     why = {"long_name": "reason for which rho is undefined"}

@@ -12,7 +12,7 @@ from analysis.typed import relabelled, selected
 
 FORMANTS: Final = 4  #: number of formants
 INSTANTS: Final = 41  #: instants of a trial at which formants are given
-VARIABLES: Final = {
+FORMANT_VARIABLES: Final = {
     "formant_frequency": (
         "Hz",
         "formant of the simulated lips in front of a tract that does not move",
@@ -52,10 +52,10 @@ def cube_with_formants(
         lasting[index] = float(one["time"].values[-1] - one["time"].values[0])
     dims = {"formant_frequency": (*TRIAL_DIMS, "formant", "instant"),
             "formant_change": (*TRIAL_DIMS, "formant"), "simulated_duration": TRIAL_DIMS}  # fmt: skip
-    arrays = dict(zip(VARIABLES, (frequency, change, lasting), strict=True))
+    arrays = dict(zip(FORMANT_VARIABLES, (frequency, change, lasting), strict=True))
     added = {
         name: (dims[name], arrays[name], {"units": units, "long_name": meaning})
-        for name, (units, meaning) in VARIABLES.items()
+        for name, (units, meaning) in FORMANT_VARIABLES.items()
     }
     number = {"units": "1", "long_name": "number of the formant"}
     instant = {"units": "1", "long_name": "fraction of the duration of the trial"}

@@ -18,7 +18,7 @@ LEAST_MOTION: Final = 0.5
 
 Without it, two segments with little motion that match by chance could be selected.
 """
-LEAST_SEEN: Final = 0.5
+LEAST_OVERLAP: Final = 0.5
 """Smallest overlap, as a fraction of the shorter vector, of shifts beyond the bound that are
 examined for a better peak."""
 
@@ -137,7 +137,7 @@ class Search:
         index = np.flatnonzero(peak)
         chosen = int(index[np.argmin(np.abs(shifts[index]))])
         # There may be a better peak outside the bound than the one inside.
-        seen = (overlap >= LEAST_SEEN * shorter) & (moved >= LEAST_MOTION)
+        seen = (overlap >= LEAST_OVERLAP * shorter) & (moved >= LEAST_MOTION)
         _, hidden = _peaks(np.where(seen | allowed, anywhere, np.inf))
         hidden &= ~allowed & (anywhere < (1.0 - self.least_gain) * loss[chosen] - 1e-12)
         at_bound = bool(not inner[chosen] or hidden.any())

@@ -12,7 +12,7 @@ from analysis.trajectory import require_real
 
 Array = NDArray[np.float64]
 
-ORDER: Final = 3  #: order of the differences from which the noise is estimated
+DIFFERENCE_ORDER: Final = 3  #: order of the differences from which the noise is estimated
 SMALLEST_SNR: Final = 1.0
 """Ratio of the variances of motion and noise below which a marker is regarded as not moving.
 
@@ -21,7 +21,8 @@ rest has mean 0 and standard deviation 0.15 (180 frames), so that none of a thou
 threshold.
 """
 PROBES: Final = 64  #: number of rows of white noise for the effect of the sampling
-FEWEST: Final = 8  #: least number of differences of a marker for an estimate of its noise
+#: least number of differences of a marker for an estimate of its noise
+LEAST_DIFFERENCES: Final = 8
 
 
 def noise_level(values: Array) -> float:
@@ -42,12 +43,12 @@ def noise_level(values: Array) -> float:
     Hz adds 0.4 um at 100 frames a second, 17 um at 30. Noise that a tracker has smoothed over
     several frames is underestimated.
     """
-    difference = np.diff(values, ORDER, axis=1)
+    difference = np.diff(values, DIFFERENCE_ORDER, axis=1)
     difference = difference[:, np.isfinite(difference).all(axis=0)]
-    if difference.shape[1] < FEWEST:
+    if difference.shape[1] < LEAST_DIFFERENCES:
         return float("nan")
     spread = np.median(np.abs(difference), axis=1) / 0.6745
-    return float(np.sqrt(np.sum(spread**2) / comb(2 * ORDER, ORDER)))
+    return float(np.sqrt(np.sum(spread**2) / comb(2 * DIFFERENCE_ORDER, DIFFERENCE_ORDER)))
 
 
 def marker_noise(position: xr.DataArray) -> xr.DataArray:

@@ -18,7 +18,8 @@ from analysis.trajectory import SMALLEST_MOTION, checked, measured_span
 from analysis.trajectory import motion as motion_of
 from analysis.typed import coordinates, relabelled
 
-ROUNDS: Final = 2  #: number of alignments of all motions: with one of them, then with their mean
+#: number of alignments of all motions: with one of them, then with their mean
+ALIGNMENT_ROUNDS: Final = 2
 
 
 def hold_ends(position: xr.Dataset | xr.DataArray) -> xr.DataArray:
@@ -108,7 +109,7 @@ def mean_motion(
             f"none of {len(motions)} motions moves by {least:.2g} m: expected at least one that does"
         )
     reference = displacement(motions[moving[(len(moving) - 1) // 2][1]])
-    for _ in range(ROUNDS):
+    for _ in range(ALIGNMENT_ROUNDS):
         kept = [one for one in registered(motions, reference, options) if one is not None]
         if not kept:
             raise AlignmentError(

@@ -14,7 +14,7 @@ from analysis.typed import selected, texts
 Form = Literal["consistent", "as_printed"]
 Reference = Literal["mean", "first", "origin"]
 
-ROUNDING: Final = 64 * float(np.finfo(np.float64).eps)
+MOTION_ROUNDING: Final = 64 * float(np.finfo(np.float64).eps)
 """Displacement relative to the position below which a motion is due to rounding."""
 
 DROWNED: Final = "the measured motion does not exceed its noise"
@@ -254,7 +254,7 @@ def _reason(
     gaps = {role: data.isnull().any(dims) for role, data in both.given.items()}
     still: dict[str, xr.DataArray] = {}
     for role, data in both.given.items():
-        moved, rounding = both.root(role), ROUNDING * abs(data).max(dims)
+        moved, rounding = both.root(role), MOTION_ROUNDING * abs(data).max(dims)
         still[role] = ~(moved > rounding) | (moved < smallest_motion)
     drowned = xr.zeros_like(still["measured"])
     if noise is not None:

@@ -27,7 +27,7 @@ from analysis.statistics.paired import LIMIT, PairedScores, Scale, described, pa
 from analysis.statistics.power import detectable
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.statistics.sign_flip import sign_flip_p, sign_patterns
-from analysis.tables import SHOWN, Column, Table, recordings
+from analysis.tables import TABLE_UNITS, Column, Table, recordings
 from analysis.trajectory import names
 from analysis.typed import selected
 
@@ -206,7 +206,7 @@ def _finding(data: PairedScores, adjusted: float, tests: int, level: float) -> S
 def choices_table(effects: xr.Dataset) -> Table:
     """Tabulate the change with every level of every axis for every strategy, from `sensitivity`."""
     variable = str(effects.attrs["variable"])
-    units, shown, factor, digits = SHOWN.get(variable, ("1", "1", 1.0, 2))
+    units, shown, factor, digits = TABLE_UNITS.get(variable, ("1", "1", 1.0, 2))
     if effects.attrs["scale"] == "Fisher z":
         units, shown, factor = "1", "1", 1.0
     columns = (

@@ -18,7 +18,7 @@ from analysis.cube import TRIAL_DIMS
 from analysis.descriptives import descriptives
 from analysis.listing import trials
 
-ABSENT: Final = "-"
+ABSENT_CELL: Final = "-"
 _FORMULA: Final = re.compile(r"[=+\-@\t].")
 
 
@@ -66,9 +66,9 @@ class Column:
         """Format a value; a dash if there is none."""
         if isinstance(value, float):
             if not math.isfinite(value):
-                return ABSENT
+                return ABSENT_CELL
             return f"{value * self.factor:.{self.digits}f}"
-        return " ".join(str(value).split()) or ABSENT
+        return " ".join(str(value).split()) or ABSENT_CELL
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def escaped(text: str) -> str:
     return re.sub(r"(?<![\w.])-(?=\d)", "$-$", text)
 
 
-SHOWN: Final = {
+TABLE_UNITS: Final = {
     "rho": ("1", "1", 1.0, 2),
     "amplitude_ratio": ("1", "1", 1.0, 2),
     "rmse": ("m", "mm", 1e3, 2),
@@ -219,7 +219,7 @@ def descriptive_table(
     by : sequence of str
         Dims to group by, the first varying slowest.
     variable : str
-        ``"rho"``, ``"amplitude_ratio"``, ``"rmse"`` or another of `SHOWN`.
+        ``"rho"``, ``"amplitude_ratio"``, ``"rmse"`` or another of `TABLE_UNITS`.
 
     Returns
     -------
@@ -232,7 +232,7 @@ def descriptive_table(
         Unknown dim or variable.
     """
     groups = descriptives(cube, by=by, variable=variable)
-    units, shown, factor, digits = SHOWN.get(
+    units, shown, factor, digits = TABLE_UNITS.get(
         variable, (str(cube[variable].attrs.get("units", "1")),) * 2 + (1.0, 3)
     )
     # Trials without scores are counted once per marker; the table lists numbers of trials.
@@ -271,7 +271,7 @@ def trial_table(cube: xr.Dataset) -> Table:
     names = ["status", "median_rho", "n_undefined", "shift", "scale", "sigma_max", "steps",
              "run_time", "numerical_error", "flags", "reason"]  # fmt: skip
     columns = tuple(
-        Column(name, *SHOWN.get("rho" if name == "median_rho" else name, ("", "", 1.0, 0)))
+        Column(name, *TABLE_UNITS.get("rho" if name == "median_rho" else name, ("", "", 1.0, 0)))
         for name in (*TRIAL_DIMS, *names)
         if name in listed  # a cube need not hold all of them
     )

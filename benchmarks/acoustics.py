@@ -22,7 +22,7 @@ from benchmarks.acoustic_shapes import AH, TABLE, tubes
 from benchmarks.report import finish
 from emgface.acoustics import (
     LOSSLESS,
-    SILENT,
+    NO_TURBULENCE,
     Flow,
     Folds,
     Medium,
@@ -264,7 +264,7 @@ def other() -> pd.DataFrame:
             near = nearest(peaks, np.array([value]))[0]
             row |= {f"F{k + 1}": f"{value:.0f} / {near:.0f} / {fine[k]:.0f}"}
         source = Folds(lung=500.0, rest_area=-5e-7, zeta1=0.2)
-        sound = simulate_tube(areas, L, source, duration=0.4, turbulence=SILENT)
+        sound = simulate_tube(areas, L, source, duration=0.4, turbulence=NO_TURBULENCE)
         opening = sound.glottal_area[int(0.2 * sound.rate) :]
         above = opening > 0.5 * opening.max()
         period = np.diff(np.flatnonzero(above[1:] & ~above[:-1]))

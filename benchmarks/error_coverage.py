@@ -40,8 +40,8 @@ from emgface.children import safe_children
 from emgface.choices import configure
 from emgface.face.accuracy import accuracy_settings
 from emgface.face.event_error import (
+    CONTACT_FORCE,
     ERRORS,
-    FORCE,
     TOUCHING,
     ContactForce,
     assumed,
@@ -184,7 +184,7 @@ class Bench:
         memory = configure(SimulationParameters, self.base).beta
         step, *others = (motion[KEPT + kind] for kind in KINDS)
         own = numerical_error(step, memory, *others).values
-        touching = touched(*(motion[KEPT + name].values for name in (FORCE, TOUCHING)))
+        touching = touched(*(motion[KEPT + name].values for name in (CONTACT_FORCE, TOUCHING)))
         of_contact = estimated(*(motion[KEPT + name] for name in ERRORS), memory)
         estimates = {f"{f:g} x contact": own + f * of_contact for f in FACTORS}
         estimates |= {"assumed contact": own + assumed(motion["position"], touching)}

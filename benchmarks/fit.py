@@ -38,7 +38,7 @@ from emgface.errors import EmgfaceError
 from emgface.face.recipe import compose_scene
 from emgface.face.template import template_face
 from emgface.fit.carry import carry
-from emgface.fit.deform import NOISE
+from emgface.fit.deform import LANDMARK_NOISE
 
 LEVELS = {"OOP_L": 0.5, "OOP_R": 0.5}
 
@@ -66,7 +66,9 @@ def sound_inputs(persons: int) -> int:
     generic, bad = template_face(resolution="coarse"), 0
     for k in range(persons):
         person, rng = person_of(300 + k), np.random.default_rng(k)
-        marks = {n: p + NOISE * rng.standard_normal(3) for n, p in person.landmarks.items()}
+        marks = {
+            n: p + LANDMARK_NOISE * rng.standard_normal(3) for n, p in person.landmarks.items()
+        }
         skin = person.surface()
         end = end_of(generic, person, marks, (skin.points, skin.triangles))
         bad += not end.startswith(f"{NEAR}:")

@@ -18,8 +18,8 @@ from emgface.face.parts import INNER, OUTER
 from emgface.face.quality import element_quality
 from emgface.fit.carry import carry
 from emgface.fit.corners import Corners
-from emgface.fit.deform import BELOW, STIFFENING
-from emgface.fit.mechanics import FINE, FitTissue
+from emgface.fit.deform import RELAXED_JACOBIAN, STIFFENING
+from emgface.fit.mechanics import FINE_TOLERANCE, FitTissue
 from emgface.fit.person import Fitted, fit_face
 from emgface.fit.similarity import Floats, similarity
 from emgface.fit.springs import at_nodes
@@ -127,6 +127,8 @@ def relaxed(face: xr.Dataset, truth: Floats) -> Floats:
     )
     q = truth
     for _ in range(2):
-        tissue = FitTissue.toward_rectangles(corners, q, below=BELOW, stiffening=STIFFENING)
-        q = tissue.settle(springs, 0.5 * FINE)
+        tissue = FitTissue.toward_rectangles(
+            corners, q, below=RELAXED_JACOBIAN, stiffening=STIFFENING
+        )
+        q = tissue.settle(springs, 0.5 * FINE_TOLERANCE)
     return q

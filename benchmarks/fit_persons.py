@@ -16,7 +16,7 @@ from benchmarks.fit_inputs import MOTION, Person, person_of
 from benchmarks.report import markdown, say
 from emgface.errors import EmgfaceError
 from emgface.face.template import template_face
-from emgface.face.template.grid import LAYERS
+from emgface.face.template.grid import LAYER_COUNT
 from emgface.fit.carry import carry
 from emgface.fit.inputs import points_of_face
 from emgface.fit.person import Fitted, fit_face
@@ -99,7 +99,7 @@ def of_person(
 
 def true_layers(face: xr.Dataset, q: Floats) -> Floats:
     """Nodes q (n, 3) with the shares of the layers in the thickness of a generated face [m]."""
-    shape = int(face.attrs["rays"]), int(face.attrs["rings"]) + 1, LAYERS + 1, 3
+    shape = int(face.attrs["rays"]), int(face.attrs["rings"]) + 1, LAYER_COUNT + 1, 3
     own, new = face["position"].values.reshape(shape), q.reshape(shape).copy()
     depth = np.linalg.norm(own - own[:, :, :1], axis=-1, keepdims=True)
     share = depth / depth[:, :, -1:]

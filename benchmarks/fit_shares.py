@@ -15,7 +15,7 @@ from benchmarks.report import markdown, say
 from emgface.errors import FitError
 from emgface.face.parts import FREE
 from emgface.face.template import template_face
-from emgface.fit.deform import NOISE
+from emgface.fit.deform import LANDMARK_NOISE
 from emgface.fit.inputs import match, points_of_face
 from emgface.fit.person import compared_inputs, scan_of
 from emgface.fit.readers.landmarks import landmarks_of
@@ -59,7 +59,7 @@ def shares(persons: int, first: int = 300) -> pd.DataFrame:
 def matched(named: dict[str, Floats], marks: dict[str, Floats]) -> bool:
     """Test whether landmarks are refused or doubted by themselves."""
     try:
-        return bool(match(named, landmarks_of(marks), None, NOISE, "face").notes)
+        return bool(match(named, landmarks_of(marks), None, LANDMARK_NOISE, "face").notes)
     except FitError:
         return True
 
@@ -85,13 +85,15 @@ def noisy(person: Person, seed: int, factors: Floats) -> dict[str, Floats]:
     """Landmarks in the frame of the face, with their noise."""
     rng = np.random.default_rng(seed)
     points = points_of_face(person.face)
-    return {n: factors * (p + NOISE * rng.standard_normal(3)) for n, p in points.items()}
+    return {n: factors * (p + LANDMARK_NOISE * rng.standard_normal(3)) for n, p in points.items()}
 
 
 def is_reported(generic: xr.Dataset, marks: dict[str, Floats], given: dict[str, object]) -> bool:
     """Test whether inputs are refused or doubted before the fit."""
     try:
         scans = {kind: scan_of(one, None, kind) for kind, one in given.items()}
-        return bool(compared_inputs(generic, landmarks_of(marks), None, scans, False, NOISE)[2])
+        return bool(
+            compared_inputs(generic, landmarks_of(marks), None, scans, False, LANDMARK_NOISE)[2]
+        )
     except FitError:
         return True

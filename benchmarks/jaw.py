@@ -24,12 +24,12 @@ import sim
 from benchmarks.jaw_motions import reference
 from benchmarks.jaw_published import checks
 from benchmarks.report import finish
-from emgface.anatomy.jaw.emg import WEIGHTS, excitation_of
+from emgface.anatomy.jaw.emg import EXCITER_WEIGHTS, excitation_of
 from emgface.anatomy.jaw.outcomes import interincisal, outcome, point_displacement
-from emgface.anatomy.jaw.recorded import PICKUP, score_motion, simulated_recording
+from emgface.anatomy.jaw.recorded import JAW_PICKUP, score_motion, simulated_recording
 from emgface.anatomy.jaw.run import run_excitation, run_task
 from emgface.anatomy.jaw.series import Excitation, excitation_in
-from emgface.anatomy.jaw.tasks import TASKS, JawTask
+from emgface.anatomy.jaw.tasks import JAW_TASKS, JawTask
 from emgface.anatomy.jaw.template import JAW_NORMS, template_jaw
 from emgface.choices import configure
 from emgface.errors import EmgfaceError
@@ -107,19 +107,27 @@ def stability() -> pd.DataFrame:
     off["joint_origin"][0] = off["joint_origin"][0] + [0.0, 0.0, 1e-3]
     both = JawTask("", 0.4, {"bi_open": [(0.0, 1.0)], "bi_close": [(0.0, 1.0)]})
     cases = {
-        "stiffness of springs x 100, opening": (stiff, TASKS["open"], {"duration": 0.4}),
-        "passive stiffness of muscles x 100, opening": (tense, TASKS["open"], {"duration": 0.4}),
-        "start 1 mm off the joint surface": (off, TASKS["open"], {"duration": 0.4}),
+        "stiffness of springs x 100, opening": (stiff, JAW_TASKS["open"], {"duration": 0.4}),
+        "passive stiffness of muscles x 100, opening": (
+            tense,
+            JAW_TASKS["open"],
+            {"duration": 0.4},
+        ),
+        "start 1 mm off the joint surface": (off, JAW_TASKS["open"], {"duration": 0.4}),
         "all openers and closers at 1 from t = 0": (jaw, both, {}),
         "pull of 500 N downwards on the incisor": (
             jaw,
-            TASKS["pull"],
+            JAW_TASKS["pull"],
             {"duration": 0.4, "load": (0.0, 0.0, -500.0)},
         ),
-        "bodies without inertia": (weightless, TASKS["open"], {"duration": 0.4}),
-        "10 s of clench": (jaw, TASKS["clench"], {"duration": 10.0}),
+        "bodies without inertia": (weightless, JAW_TASKS["open"], {"duration": 0.4}),
+        "10 s of clench": (jaw, JAW_TASKS["clench"], {"duration": 10.0}),
         **{
-            f"opening, steps of {h:g} ms": (jaw, TASKS["open"], {"duration": 0.4, "step": 1e-3 * h})
+            f"opening, steps of {h:g} ms": (
+                jaw,
+                JAW_TASKS["open"],
+                {"duration": 0.4, "step": 1e-3 * h},
+            )
             for h in (0.1, 1.0, 10.0, 50.0)
         },
     }
@@ -171,9 +179,9 @@ def extremes() -> pd.DataFrame:
         row: dict[str, Any] = {"measures": name}
         try:
             jaw = template_jaw(preset="woman", measures=measures)
-            gape = run_task(jaw, TASKS["gape"], step=DRAFT, check=False)
-            forward = run_task(jaw, TASKS["protrude"], step=DRAFT, check=False)
-            aside = run_task(jaw, TASKS["lateral"], step=DRAFT, check=False)
+            gape = run_task(jaw, JAW_TASKS["gape"], step=DRAFT, check=False)
+            forward = run_task(jaw, JAW_TASKS["protrude"], step=DRAFT, check=False)
+            aside = run_task(jaw, JAW_TASKS["lateral"], step=DRAFT, check=False)
             measured = {
                 "gape": float(interincisal(gape).max()),
                 "protrusion": outcome(forward)["end_forward"],
@@ -196,8 +204,8 @@ def extremes() -> pd.DataFrame:
 def emg(persons: int = 4) -> pd.DataFrame:
     """Scores of motions driven by simulated sEMG, with the channels of muscles and of others."""
     jaw = template_jaw(preset="woman")
-    truth = run_task(jaw, TASKS["cycles"], step=DRAFT, check=False)
-    effort = run_task(jaw, TASKS["effort"], step=DRAFT, check=False)
+    truth = run_task(jaw, JAW_TASKS["cycles"], step=DRAFT, check=False)
+    effort = run_task(jaw, JAW_TASKS["effort"], step=DRAFT, check=False)
     other = {"own": {}, "masseter and digastric exchanged": {"MAS": "DIG", "DIG": "MAS"}}
     rows = list[dict[str, Any]]()
 
@@ -251,12 +259,12 @@ def _renamed(recording: xr.Dataset, names: dict[str, str]) -> xr.Dataset:
 def _true(jaw: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
     """Motion under the drive that ideal electrodes without noise and window would record."""
     a, values = truth["activation"], dict[str, np.ndarray]()
-    for exciter, sources in WEIGHTS.items():
+    for exciter, sources in EXCITER_WEIGHTS.items():
         for side in ("_L", "_R"):
             parts = [
                 weight * share * a.sel(muscle=muscle + side).values
                 for channel, weight in sources.items()
-                for muscle, share in PICKUP[channel].items()
+                for muscle, share in JAW_PICKUP[channel].items()
             ]
             values[exciter + side] = np.sum(parts, axis=0)
     given = Excitation(truth["time"].values, values, 0.0)

@@ -25,7 +25,7 @@ from emgface.anatomy.jaw.picture import moved_points
 from emgface.anatomy.jaw.published import import_jaw
 from emgface.anatomy.jaw.run import run_task
 from emgface.anatomy.jaw.series import Excitation, read_probes
-from emgface.anatomy.jaw.tasks import TASKS, JawTask
+from emgface.anatomy.jaw.tasks import JAW_TASKS, JawTask
 from sim.kinematics import rotations
 
 SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
@@ -71,8 +71,8 @@ def outcomes(jaw: xr.Dataset) -> dict[str, float | str]:
             results.update(dict.fromkeys(read(_nothing(jaw)), type(error).__name__))
 
     for name, task in (("open", "open"), ("open, head 15 degrees back", "open_head")):
-        measure(TASKS[task], lambda m, name=name: {name: separation(m).max()}, duration=2.0)
-    measure(TASKS["chew"], chewed, excitation=read_probes(PROBES), duration=0.7)
+        measure(JAW_TASKS[task], lambda m, name=name: {name: separation(m).max()}, duration=2.0)
+    measure(JAW_TASKS["chew"], chewed, excitation=read_probes(PROBES), duration=0.7)
     return results
 
 
@@ -325,7 +325,7 @@ def closing(jaw: xr.Dataset) -> dict[str, Any]:
 
 def after_chewing(jaw: xr.Dataset) -> dict[str, Any]:
     """Closed teeth after the chewing stroke, and the mirror image of the chew (check 5)."""
-    task = replace(TASKS["chew"], duration=0.7)
+    task = replace(JAW_TASKS["chew"], duration=0.7)
     left = run_task(jaw, task, excitation=read_probes(PROBES), check=False)
     late = left["time"].values >= 0.56 - 1e-9
     return {
@@ -367,7 +367,7 @@ def symmetric(jaw: xr.Dataset) -> xr.Dataset:
 
 def swallowing(jaw: xr.Dataset) -> dict[str, Any]:
     """Thyroid in a swallow, and at its end relative to the same time without it (check 7)."""
-    task, times = TASKS["swallow"], {"duration": 3.0, "check": False}
+    task, times = JAW_TASKS["swallow"], {"duration": 3.0, "check": False}
     motion = run_task(jaw, task, **times)
     if "thyroid" not in motion["marker"].values:
         return {}

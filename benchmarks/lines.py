@@ -21,7 +21,7 @@ import pandas as pd
 import sim
 from benchmarks.report import finish
 from benchmarks.stability.rigid_rows import plate_on_tissue
-from emgface.face.accuracy import PRESETS
+from emgface.face.accuracy import ACCURACY_PRESETS
 from emgface.face.contact_parameters import NO_CONTACT
 from emgface.face.integration import integrator_of
 from emgface.face.recipe import compose_scene
@@ -106,7 +106,7 @@ def scenes() -> Iterator[tuple[str, Integrator, float, sim.System, sim.State]]:
         yield "plate on tissue, linearly implicit", sim.LinearlyImplicitEuler(), h, scene, state
     face = template_face(resolution="coarse")
     for contact in ({"contact": NO_CONTACT}, {}):
-        own = PRESETS["study"] | {"step": 0.01, "output": 0.01, "gravity": False} | contact
+        own = ACCURACY_PRESETS["study"] | {"step": 0.01, "output": 0.01, "gravity": False} | contact
         p = SimulationParameters(**own)
         scene = sim.compile_scene(compose_scene(face, p))
         yield "coarse face, SDIRK2", integrator_of(p), p.step, scene, scene.rest_state()

@@ -31,7 +31,7 @@ from emgface.anatomy.head.published import import_head
 from emgface.anatomy.head.tissues import HeadTissue, joined_tissues
 from emgface.anatomy.tongue.model import attached_nodes
 from emgface.anatomy.tongue.parameters import variant
-from emgface.anatomy.tongue.published import SHIFT, TURN
+from emgface.anatomy.tongue.published import COUPLED_DISPLACEMENT, TURN
 from emgface.anatomy.tongue.scene import tongue_part
 from emgface.errors import HeadError
 from emgface.face.artisynth_contact import read_obj
@@ -210,7 +210,8 @@ def _tongue(name: str) -> xr.Dataset:
         return published(SHARED, f"coupled/model_{name}", rest="rest_il01")
     tongue = published(SHARED, f"coupled/model_{name}")
     moved = {
-        v: (tongue[v].dims, tongue[v].values + TURN @ SHIFT) for v in ("position", "fibre_position")
+        v: (tongue[v].dims, tongue[v].values + TURN @ COUPLED_DISPLACEMENT)
+        for v in ("position", "fibre_position")
     }
     return tongue.assign(moved)
 

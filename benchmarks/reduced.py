@@ -21,7 +21,7 @@ import xarray as xr
 from analysis.scores import correlation_3d
 from benchmarks.report import finish, say
 from emgface.face.file import load_face
-from emgface.reduced.full_order import STEP, FullOrder, stored_motion
+from emgface.reduced.full_order import TRAINING_STEP, FullOrder, stored_motion
 from emgface.reduced.model import ReducedFace, parameters_of
 from emgface.reduced.motion import simulate_reduced
 from emgface.reduced.study_plan import sequences_of
@@ -80,7 +80,11 @@ def stability(reduced):
     start = reduced.equilibrium
     n = len(system.muscles)
     pushed = Activation(np.array([0.0, 0.1]), np.array([np.zeros(n), np.full(n, 0.3)]))
-    options = {"integrator": FusedEuler(reduced.contact), "steps": FixedStep(STEP), "work": work}
+    options = {
+        "integrator": FusedEuler(reduced.contact),
+        "steps": FixedStep(TRAINING_STEP),
+        "work": work,
+    }
     _, state = simulate(system, pushed, duration=0.3, initial=start, probes=(), **options)
     free, _ = simulate(
         system, resting(n), duration=1.0, initial=state, probes=(Energies(),), **options
@@ -92,7 +96,7 @@ def stability(reduced):
     )
     all_on = Activation(np.array([0.0, 0.1]), np.array([np.zeros(n), np.ones(n)]))
     rng = np.random.default_rng(SEED)
-    times = STEP * np.arange(101)
+    times = TRAINING_STEP * np.arange(101)
     noise = Activation(times, rng.uniform(0.0, 1.0, (101, n)))
     for name, drive in (("all muscles at 1", all_on), ("white noise in 0-1", noise)):
         try:

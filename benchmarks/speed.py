@@ -35,7 +35,7 @@ from benchmarks.tongue import recorded_tongue
 from benchmarks.tongue_coupled import recorded_motion
 from benchmarks.unit import unit_seconds
 from emgface.children import safe_children
-from emgface.face.accuracy import PRESETS
+from emgface.face.accuracy import ACCURACY_PRESETS
 from emgface.face.artisynth import import_artisynth
 from emgface.face.contact_parameters import NO_CONTACT
 from emgface.face.integration import integrator_of, steps_of
@@ -139,8 +139,8 @@ def generated(only: tuple[str, ...], threads: int) -> Iterator[tuple[str, Run]]:
         "generated, soft element": soft | {"incompressibility": "element"},
         "generated, hard": {"incompressibility": "hard"},
         "generated, hard, with contact": {"incompressibility": "hard"},
-        FREE: PRESETS["study"],
-        TOUCHING: PRESETS["study"],
+        FREE: ACCURACY_PRESETS["study"],
+        TOUCHING: ACCURACY_PRESETS["study"],
     }
     for name, options in cases.items():
         if not chosen(name, only):

@@ -23,7 +23,7 @@ from benchmarks.recorded_head import RecordedHead, recorded_head
 from benchmarks.report import finish, say
 from benchmarks.tongue import SHARED, recorded, recorded_levels
 from emgface.anatomy.tongue.published import TURN
-from emgface.anatomy.tongue.scene import LINE
+from emgface.anatomy.tongue.scene import LINE_ENDING
 from emgface.errors import HeadError
 from sim.integrators import Integrator
 from sim.linear import linear_solver
@@ -65,7 +65,7 @@ def levels(case: Mapping[str, Any], head: RecordedHead, muscles: tuple[str, ...]
                 f"{', '.join(whole)}"
             )
         for muscle, gain in head.exciters[target].items():
-            for name in {muscle, muscle + LINE} & column.keys():
+            for name in {muscle, muscle + LINE_ENDING} & column.keys():
                 values[:, column[name]] += gain * u
     return sim.Activation(time, values)
 

@@ -18,7 +18,7 @@ from benchmarks.treatment import parameters, wedge
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.template import template_face
 from emgface.treatment.motions import gestures
-from emgface.treatment.outcomes import FACTOR, OUTCOMES
+from emgface.treatment.outcomes import OUTCOMES, UNIT_FACTORS
 
 FREE: Final[dict[str, Any]] = {"contact": {"method": "none"}}
 CUT: Final = {"kind": "incision", "place": 0.5, "height": 12.0}
@@ -60,7 +60,7 @@ def pursing() -> Iterator[tuple[str, str]]:
         for width in (12.0, 16.0):
             treated = ef.treat(face, wedge(width=width, height=12.0))
             motion = moved(treated, "A", contact=contact)
-            values = [FACTOR[o.unit] * o.value(treated, motion) for o in shown]
+            values = [UNIT_FACTORS[o.unit] * o.value(treated, motion) for o in shown]
             yield f"{what}, V of {width:g} mm", ", ".join(f"{v:.2f}" for v in values) + " mm"
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 SAFE_PATH: Final = "PYTHONSAFEPATH"
-OWN: Final = Path(__file__).resolve().parents[1]  #: folder that contains this package
+PACKAGE_FOLDER: Final = Path(__file__).resolve().parents[1]  #: folder that contains this package
 IGNORED: Final = (
     "PYTHONPATH", "PYTHONSTARTUP", "PYTHONINSPECT", "PYTHONBREAKPOINT",
 )  # fmt: skip
@@ -35,8 +35,8 @@ def search_path() -> list[str]:
     here = Path.cwd().resolve()
     return [
         entry
-        for entry in dict.fromkeys([*sys.path, str(OWN)])
-        if os.path.isabs(entry) and (Path(entry).resolve() != here or here == OWN)
+        for entry in dict.fromkeys([*sys.path, str(PACKAGE_FOLDER)])
+        if os.path.isabs(entry) and (Path(entry).resolve() != here or here == PACKAGE_FOLDER)
     ]
 
 

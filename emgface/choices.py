@@ -17,13 +17,19 @@ from emgface.errors import ConfigurationError
 ESKES = "Eskes et al. 2017"
 STAVNESS = "Stavness et al., Coupled biomechanical modeling of the face"
 BLEMKER = "Blemker et al. 2005, J Biomech 38:657-665"
-OWN = "this package"
+THIS_PACKAGE = "this package"
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
 
 
 def parameter(
-    default: Any, text: str, *, unit: str = "1", source: str = OWN, note: str = "", **bounds: Any
+    default: Any,
+    text: str,
+    *,
+    unit: str = "1",
+    source: str = THIS_PACKAGE,
+    note: str = "",
+    **bounds: Any,
 ) -> Any:
     """Field of a parameter model whose description states unit, source and note.
 
@@ -41,7 +47,7 @@ def positive(default: Any, text: str, **stated: Any) -> Any:
     return parameter(default, text, gt=0, **stated)
 
 
-def choice(default: Any, text: str, *, source: str = OWN, note: str = "") -> Any:
+def choice(default: Any, text: str, *, source: str = THIS_PACKAGE, note: str = "") -> Any:
     """Field with a choice of names, which has no unit; arguments as of `parameter`."""
     return parameter(default, text, unit="-", source=source, note=note)
 
@@ -112,7 +118,7 @@ def configure(model: type[ModelT], values: Mapping[str, Any], *, where: str = ""
         raise ConfigurationError(place + "; ".join(complaints)) from error
 
 
-LONGEST: Final = 120  #: largest length of a rejected value in a message
+LONGEST_VALUE: Final = 120  #: largest length of a rejected value in a message
 
 
 def _complaint(model: type[BaseModel], detail: Any) -> str:
@@ -132,7 +138,7 @@ def _complaint(model: type[BaseModel], detail: Any) -> str:
     if detail["type"] == "value_error":
         return f"{name}: {message}"
     value = repr(detail["input"])
-    value = value if len(value) <= LONGEST else f"{value[:LONGEST]}…"
+    value = value if len(value) <= LONGEST_VALUE else f"{value[:LONGEST_VALUE]}…"
     return f"parameter '{name}' = {value}: {message[:1].lower()}{message[1:]}"
 
 

@@ -24,7 +24,7 @@ from emgface.errors import DataError, StoreError, listed
 LEAST_SPACE = 2**20  #: free space [bytes] below which a disk counts as full
 
 
-LONGEST: Final = 200  #: bytes of the name of a file; file systems allow 255
+LONGEST_FILE_NAME: Final = 200  #: bytes of the name of a file; file systems allow 255
 _UNSAFE: Final = re.compile(r"[^\w .+=()@,-]")
 _DEVICES: Final = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")  # of Windows
 _STAGE, _DIGEST = re.compile(r"[A-Za-z]\w*", re.ASCII), re.compile(r"[0-9A-Za-z]+", re.ASCII)
@@ -42,10 +42,10 @@ def named_file(folder: Path, *names: object, suffix: str) -> Path:
     name = re.sub(r"^[. ]|[. ]$", "-", name)
     if _DEVICES.fullmatch(name):
         name = f"{name}-"
-    if not name or len(f"{name}{suffix}".encode()) > LONGEST:
+    if not name or len(f"{name}{suffix}".encode()) > LONGEST_FILE_NAME:
         raise DataError(
             f"{listed([ascii(text)[:60] for text in texts]) or 'nothing'} cannot be the name of a file, "
-            f"expected 1 to {LONGEST - len(suffix)} bytes: rename volunteer, instruction or "
+            f"expected 1 to {LONGEST_FILE_NAME - len(suffix)} bytes: rename volunteer, instruction or "
             "repetition"
         )
     return folder / f"{name}{suffix}"
@@ -162,7 +162,7 @@ def new_part(path: Path) -> Path:
     """
     _remove_parts_of_killed(path.parent)
     # A long name leaves no room for the rest, and is replaced by its digest.
-    name = path.name if len(os.fsencode(path.name)) <= LONGEST else _digest(path.name)
+    name = path.name if len(os.fsencode(path.name)) <= LONGEST_FILE_NAME else _digest(path.name)
     return path.with_name(f".{name}.emgface-{_machine()}-{os.getpid()}-{os.urandom(4).hex()}.part")
 
 

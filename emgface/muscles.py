@@ -27,7 +27,7 @@ NEIGHBOURS: Final = (
 )
 """Pairs of neighbouring channels of one side (Eskes et al. 2017, Fig. 1)."""
 
-ACROSS: Final = ("OOS", "OOI", "MEN")
+CHANNELS_AT_MIDLINE: Final = ("OOS", "OOI", "MEN")
 """Channels whose left and right electrodes are neighbours across the midline."""
 
 MUSCLE_NAMES: Final = {

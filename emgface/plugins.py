@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from emgface.errors import ConfigurationError
 
-GROUPS: Final = {
+ENTRY_POINT_GROUPS: Final = {
     "reader": "emgface.readers",
     "law": "emgface.laws",
     "strategy": "emgface.strategies",
@@ -80,7 +80,9 @@ def plugins(kind: str) -> Mapping[str, Plugin]:
     and of its source, counts once.
     """
     entries: dict[str, dict[str, EntryPoint]] = {}
-    for entry in sorted(entry_points(group=GROUPS[kind]), key=lambda one: (one.name, one.value)):
+    for entry in sorted(
+        entry_points(group=ENTRY_POINT_GROUPS[kind]), key=lambda one: (one.name, one.value)
+    ):
         package = entry.dist.name if entry.dist else ""
         entries.setdefault(entry.name, {}).setdefault(f"{package}={entry.value}", entry)
     return {name: Plugin(kind, name, tuple(many.values())) for name, many in entries.items()}

@@ -26,13 +26,13 @@ _MARKS: Final = (
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
 """Byte order marks and the codecs that remove them."""
-EXPANDED, EXPANSION = 32 << 20, 32
+EXPANDED, TEXT_EXPANSION = 32 << 20, 32
 """Largest size of a compressed text [byte], and addition per byte of the file.
 
 Tables of signals are compressed to a third to a tenth; only repetition exceeds the limit.
 """
 LONGEST_TOML: Final = 8 << 20  #: largest TOML file [byte]; a study file has 30 kB
-DEEPEST: Final = 32  #: most tables or arrays that contain one another
+DEEPEST_TABLES: Final = 32  #: most tables or arrays that contain one another
 
 
 def marked_encoding(start: bytes) -> str | None:
@@ -72,13 +72,13 @@ def decoded(data: bytes, encoding: str = "utf-8", *, fallback: str | None = None
 def read_bytes(path: Path, most: int | None = None) -> bytes:
     """Read a file, decompressed if its suffix is ``.gz``; `most` bytes of it if specified.
 
-    Raises DataError if a compressed file expands beyond `EXPANDED` and `EXPANSION`, is truncated or
+    Raises DataError if a compressed file expands beyond `EXPANDED` and `TEXT_EXPANSION`, is truncated or
     damaged, and OSError if it cannot be read.
     """
     if path.suffix.lower() != ".gz":
         with path.open("rb") as stream:
             return stream.read() if most is None else stream.read(most)
-    limit = EXPANDED + EXPANSION * path.stat().st_size
+    limit = EXPANDED + TEXT_EXPANSION * path.stat().st_size
     try:
         with gzip.open(path) as stream:
             data = stream.read(limit + 1 if most is None else most)
@@ -90,7 +90,7 @@ def read_bytes(path: Path, most: int | None = None) -> bytes:
     if len(data) > limit:
         raise DataError(
             f"{path.name} has {path.stat().st_size} bytes and expands to more than {limit}; expected "
-            f"at most {EXPANSION} bytes per compressed byte: decompress it if it is yours."
+            f"at most {TEXT_EXPANSION} bytes per compressed byte: decompress it if it is yours."
         )
     return data
 
@@ -171,7 +171,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Return the tables of a TOML file.
 
     Raises ConfigurationError if the file is absent, is not TOML, larger than `LONGEST_TOML` or
-    deeper than `DEEPEST`.
+    deeper than `DEEPEST_TABLES`.
     """
     try:
         size = path.stat().st_size
@@ -193,7 +193,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 def toml_in(text: str, name: str) -> dict[str, Any]:
     """Return the tables of a text in TOML; `name` is used in messages.
 
-    Raises ConfigurationError if it is not TOML or deeper than `DEEPEST`.
+    Raises ConfigurationError if it is not TOML or deeper than `DEEPEST_TABLES`.
     """
     try:
         content = tomllib.loads(text)
@@ -243,9 +243,9 @@ def _shallow(content: dict[str, Any], name: str) -> dict[str, Any]:
         value, depth = left.pop()
         if not isinstance(value, (dict, list)):
             continue
-        if depth > DEEPEST:
+        if depth > DEEPEST_TABLES:
             raise ConfigurationError(
-                f"{name} nests tables and arrays more than {DEEPEST} deep; expected the entries "
+                f"{name} nests tables and arrays more than {DEEPEST_TABLES} deep; expected the entries "
                 "of the documentation: repair it."
             )
         inner = value.values() if isinstance(value, dict) else value

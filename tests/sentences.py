@@ -12,7 +12,7 @@ import xarray as xr
 
 from analysis.baseline_tables import HEADS, what_rho_means
 from analysis.robustness import robustness_sentences
-from analysis.statistics.skill import LEVELS
+from analysis.statistics.skill import CORRELATIONS
 from analysis.statistics.summary import conclusions
 
 BOUNDS = ["lower", "upper"]
@@ -32,7 +32,7 @@ def meanings(path: Path) -> list[str]:
     """Sentences of `what_rho_means` from the table of baselines."""
     table = pd.read_csv(path)
     dataset = xr.Dataset(coords={"strategy": table["strategy"].tolist(), "bound": BOUNDS})
-    for name, head in zip(LEVELS, HEADS, strict=True):
+    for name, head in zip(CORRELATIONS, HEADS, strict=True):
         dataset[name] = ("strategy", table[head].to_numpy(float))
     for name, head in GAINS.items():
         dataset[name] = ("strategy", table[head].to_numpy(float))

@@ -28,7 +28,7 @@ from analysis.trajectory import names
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SIDES: Final = {"L": "left", "R": "right"}
+SIDE_TITLES: Final = {"L": "left", "R": "right"}
 
 
 @styled
@@ -130,9 +130,9 @@ def feature_boxes(
     if len(origins) > 1:
         raise FigureError("measured and simulated trials cannot share a figure: draw one of each")
     parts = [muscle.rpartition("_") for muscle in muscles]
-    stems = [stem if side in SIDES else stem + gap + side for stem, gap, side in parts]
+    stems = [stem if side in SIDE_TITLES else stem + gap + side for stem, gap, side in parts]
     places = list(dict.fromkeys(stems))
-    sides = [side for side in SIDES if any(part[2] == side for part in parts)]
+    sides = [side for side in SIDE_TITLES if any(part[2] == side for part in parts)]
     columns = 1 if len(groups) < 3 else 2
     rows = -(-len(groups) // columns)
     figure = blank(max(3.9 * columns + 0.6, 5.5), 0.7 + 2.0 * rows)
@@ -142,7 +142,7 @@ def feature_boxes(
         for index, (stem, (_, _, side)) in enumerate(zip(stems, parts, strict=True)):
             values = np.concatenate([trial[variable].transpose("muscle", "time").values[index]
                                      for trial in trials])  # fmt: skip
-            paired = side in SIDES
+            paired = side in SIDE_TITLES
             which = sides.index(side) if paired else 0
             shift = (which - (len(sides) - 1) / 2) * 0.4 if paired else 0.0
             groups_of.setdefault(which, {})[places.index(stem) + shift] = values
@@ -162,7 +162,9 @@ def feature_boxes(
         axes[row * columns].set_ylabel("normalised" if variable == "activation" else variable)
     if sides:
         patches = [
-            Patch(facecolor=COLOURS[i], hatch=HATCHES[i], edgecolor="black", label=SIDES[side])
+            Patch(
+                facecolor=COLOURS[i], hatch=HATCHES[i], edgecolor="black", label=SIDE_TITLES[side]
+            )
             for i, side in enumerate(sides)
         ]
         legend(figure, patches)

@@ -7,8 +7,8 @@ import xarray as xr
 
 from analysis.errors import CubeError, FigureError
 from analysis.figures.style import (
-    FIRST,
-    SECOND,
+    FIRST_LINE,
+    SECOND_LINE,
     blank,
     grid,
     heading,
@@ -62,11 +62,11 @@ def synchronisation(aligned: xr.Dataset) -> "Figure":
     mean = float(aligned["b_measured"].mean())
     given = 1e3 * (aligned["b_measured"].values - mean)
     for panel in (before, after):
-        panel.plot(time, model, label="simulation", **FIRST)
+        panel.plot(time, model, label="simulation", **FIRST_LINE)
         panel.set_xlabel("time [s]")
-    before.plot(own, given, label="recording", **SECOND)
+    before.plot(own, given, label="recording", **SECOND_LINE)
     moved = 1e3 * (aligned["b_aligned"].values - mean)
-    after.plot(time, moved, label="recording, aligned", **SECOND)
+    after.plot(time, moved, label="recording, aligned", **SECOND_LINE)
     before.set_title("as recorded")
     after.set_title(
         f"shift {1e3 * float(aligned['shift']):.0f} ms, scale {float(aligned['scale']):.3g}, "
@@ -128,7 +128,7 @@ def marker_traces(
     panels = grid(figure, 1, 3, sharex=True, sharey=True)[0]
     for column, panel in enumerate(panels):
         for label, data, style in zip(
-            ("simulation", "recording, aligned"), traces, (FIRST, SECOND), strict=True
+            ("simulation", "recording, aligned"), traces, (FIRST_LINE, SECOND_LINE), strict=True
         ):
             panel.plot(time, data[:, column].T + rows, label=label, **style)
         panel.set_xlabel("time [s]")

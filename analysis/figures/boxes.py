@@ -12,7 +12,7 @@ from analysis.cube import MARKER_DIMS
 from analysis.descriptives import descriptives
 from analysis.errors import CubeError
 from analysis.figures.style import COLOURS, HATCHES, blank, boxes, heading, legend, styled, ticks
-from analysis.tables import SHOWN, origin_of
+from analysis.tables import TABLE_UNITS, origin_of
 from analysis.trajectory import names
 from analysis.typed import scored_values, selected
 
@@ -71,7 +71,7 @@ def box_plots(
         raise CubeError(f"cannot draw panels by {names(wrong) or 'nothing'}, expected trial dims")
     from matplotlib.patches import Patch
 
-    _, shown, factor, _ = SHOWN[variable]
+    _, shown, factor, _ = TABLE_UNITS[variable]
     data = scored_values(cube)[variable] * factor
     strategies = [str(label) for label in cube["strategy"].values]
     figure = blank(8.0, 0.6 + 2.6 * len(by))

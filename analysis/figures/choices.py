@@ -8,7 +8,7 @@ import xarray as xr
 
 from analysis.errors import FigureError
 from analysis.figures.style import COLOURS, MARKS, blank, grid, heading, legend, styled, ticks
-from analysis.tables import SHOWN
+from analysis.tables import TABLE_UNITS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,7 +39,7 @@ def sensitivity_plot(effects: xr.Dataset) -> "Figure":
     from matplotlib.lines import Line2D
 
     variable = str(effects.attrs["variable"])
-    _, unit, factor, _ = SHOWN.get(variable, ("1", "1", 1.0, 2))
+    _, unit, factor, _ = TABLE_UNITS.get(variable, ("1", "1", 1.0, 2))
     unit = "Fisher z" if effects.attrs["scale"] == "Fisher z" else unit
     reach = dict(
         zip(effects["axes"].values.tolist(), effects["reach"].values.tolist(), strict=True)

@@ -14,7 +14,7 @@ from analysis.typed import selected
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MOST: Final = 14  #: largest number of channels on a page
+MOST_CHANNELS: Final = 14  #: largest number of channels on a page
 
 
 @styled
@@ -66,10 +66,10 @@ def emg_with_features(
     known = [str(name) for name in raw["channel"].values]
     drawn = list(channels) if channels is not None else known[:7]
     wrong = [name for name in drawn if name not in known]
-    if wrong or not drawn or len(drawn) > MOST:
+    if wrong or not drawn or len(drawn) > MOST_CHANNELS:
         raise FigureError(
             f"cannot draw {names(wrong) if wrong else f'{len(drawn)} channels'}, expected 1 to "
-            f"{MOST} of {names(known, MOST)}"
+            f"{MOST_CHANNELS} of {names(known, MOST_CHANNELS)}"
         )
     figure = blank(8.0, 0.9 + 0.85 * len(drawn))
     axes = grid(figure, len(drawn), 2, sharex=True, width_ratios=(3, 2))

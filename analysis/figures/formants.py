@@ -16,7 +16,7 @@ from analysis.typed import selected
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LINES = ("-", "--", ":", "-.")
+LINE_STYLES = ("-", "--", ":", "-.")
 
 
 @styled
@@ -75,4 +75,4 @@ def _band(panel: Any, x: NDArray[np.float64], values: NDArray[np.float64], k: in
     low, middle, high = np.quantile(known, [0.25, 0.5, 0.75], axis=0)
     colour = COLOURS[k % 7]
     panel.fill_between(x, low, high, color=colour, alpha=0.25, linewidth=0)
-    return panel.plot(x, middle, color=colour, linestyle=LINES[k % 4])[0]
+    return panel.plot(x, middle, color=colour, linestyle=LINE_STYLES[k % 4])[0]

@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 COLOURS: Final = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#0072B2", "#D55E00", "#F0E442")
 HATCHES: Final = ("", "//", "..", "xx", "\\\\", "--", "oo")
 MARKS: Final = ("o", "s", "^", "D", "v", "P", "X")
-FIRST: Final = {"color": COLOURS[4], "linestyle": "-"}  #: line style of a model or an input
-SECOND: Final = {"color": COLOURS[5], "linestyle": "--"}
+FIRST_LINE: Final = {"color": COLOURS[4], "linestyle": "-"}  #: line style of a model or an input
+SECOND_LINE: Final = {"color": COLOURS[5], "linestyle": "--"}
 """Line style of a recording or a reference."""
 LETTER: Final = 0.6  #: mean width of a letter, in the size of the type [1]
-POINTS: Final = 72.0  #: per inch
-LONGEST: Final = 27  #: largest number of characters of a line at an axis
+POINTS_PER_INCH: Final = 72.0  #: per inch
+LONGEST_LABEL: Final = 27  #: largest number of characters of a line at an axis
 LEAST_OF_BOX: Final = 8  #: number of values below which quartiles say little, and points are drawn
-SAMPLE: Final = 6  #: width of the sample of a line in a legend, in letters
+LEGEND_LINE_WIDTH: Final = 6  #: width of the sample of a line in a legend, in letters
 SHADES: Final = "cividis"  #: colour map of ordered values, suitable for colour vision deficiency
 
 LITERAL: Final[dict[str, Any]] = {"text.parse_math": False}
@@ -54,7 +54,7 @@ STYLE: Final[dict[str, Any]] = {
     "legend.fontsize": 8.0,
     "figure.titlesize": 11.0,
 }
-WRITTEN: Final[dict[str, Any]] = {
+SAVED_PARAMETERS: Final[dict[str, Any]] = {
     # Text is stored as text, so that it can be searched and set in another font.
     "svg.fonttype": "none",
     "pdf.fonttype": 42,
@@ -112,7 +112,7 @@ def trial_label(data: xr.Dataset) -> str:
 def heading(figure: "Figure", what: str, origin: str) -> None:
     """Set the title, with the origin (measured or simulated)."""
     words, source = " ".join(what.split()), f"({recordings(origin)})"
-    size = float(cast(float, STYLE["figure.titlesize"])) / POINTS
+    size = float(cast(float, STYLE["figure.titlesize"])) / POINTS_PER_INCH
     most = max(20, int(figure.get_figwidth() / (LETTER * size)))
     text = f"{words} {source}"
     text = text if len(text) <= most else f"{fill(words, most)}\n{fill(source, most)}"
@@ -129,18 +129,21 @@ def legend(
 ) -> None:
     """Add a legend below all panels, with at most `most` entries per row, no wider than the figure."""
     texts = [str(one.get_label()) for one in handles] if labels is None else list(labels)
-    size = float(cast(float, STYLE["legend.fontsize"])) / POINTS
+    size = float(cast(float, STYLE["legend.fontsize"])) / POINTS_PER_INCH
     room = int(figure.get_figwidth() / (LETTER * size))
 
     def wide(columns: int) -> int:
         """Number of letters of a row, with the samples of lines."""
         rows = -(-len(texts) // columns)
-        return sum(max(map(len, texts[k : k + rows])) + SAMPLE for k in range(0, len(texts), rows))
+        return sum(
+            max(map(len, texts[k : k + rows])) + LEGEND_LINE_WIDTH
+            for k in range(0, len(texts), rows)
+        )
 
     columns = min(most, len(texts))
     while columns > 1 and wide(columns) > room:
         columns -= 1
-    texts = [_shortened(text, max(room - SAMPLE, LONGEST)) for text in texts]
+    texts = [_shortened(text, max(room - LEGEND_LINE_WIDTH, LONGEST_LABEL)) for text in texts]
     cast(Any, figure).legend(
         handles=list(handles), labels=texts, loc="outside lower center", ncols=max(columns, 1)
     )
@@ -149,13 +152,16 @@ def legend(
 def ticks(panel: "Axes", which: str, places: Sequence[float], texts: Sequence[str]) -> None:
     """Set tick labels of an axis, ``"x"`` or ``"y"``, in small type if there are many.
 
-    The middle of lines above `LONGEST` characters is left out; texts below an axis are upright if they
-    would overlap.
+    The middle of lines above `LONGEST_LABEL` characters is left out; texts below an axis are
+    upright if they would overlap.
     """
     size = "x-small" if len(texts) > 8 else "medium"
     shown = ["\n".join(map(_shortened, text.split("\n"))) for text in texts]
     letter = (
-        LETTER * float(cast(float, STYLE["font.size"])) * (0.7 if len(texts) > 8 else 1.0) / POINTS
+        LETTER
+        * float(cast(float, STYLE["font.size"]))
+        * (0.7 if len(texts) > 8 else 1.0)
+        / POINTS_PER_INCH
     )
     width = cast(Any, panel).get_position().width * cast(Any, panel).figure.get_figwidth()
     longest = max((len(line) for text in shown for line in text.split("\n")), default=0)
@@ -164,7 +170,7 @@ def ticks(panel: "Axes", which: str, places: Sequence[float], texts: Sequence[st
     getattr(cast(Any, panel), f"set_{which}ticks")(list(places), shown, fontsize=size, **turned)
 
 
-def _shortened(line: str, most: int = LONGEST) -> str:
+def _shortened(line: str, most: int = LONGEST_LABEL) -> str:
     """A line of at most `most` characters: its beginning and its end."""
     end = most // 3
     return line if len(line) <= most else f"{line[: most - end - 1]}…{line[-end:]}"
@@ -260,7 +266,7 @@ def encoded_figure(figure: "Figure", suffix: str, *, dpi: int = 200) -> bytes:
         ".pdf": {"Title": title, "CreationDate": None},
     }.get(suffix.lower(), {})
     content, form = io.BytesIO(), suffix.lower().removeprefix(".") or None
-    with settings(WRITTEN):
+    with settings(SAVED_PARAMETERS):
         cast(Any, figure).savefig(content, format=form, dpi=dpi, metadata=metadata)
     return content.getvalue()
 

@@ -33,7 +33,7 @@ from analysis.statistics.mixed_model import cell_means
 from analysis.statistics.paired import LIMIT, Comparison, Scale, on_scale
 
 FACTORS = ("strategy", "instruction")
-LEAST = 2  #: volunteers of an analysis of variance
+LEAST_ANOVA_VOLUNTEERS = 2  #: volunteers of an analysis of variance
 
 
 def repeated_measures(
@@ -55,10 +55,11 @@ def repeated_measures(
     whole = data.notnull().all([dim for dim in data.dims if dim != "volunteer"])
     data = data.isel(volunteer=np.flatnonzero(whole.values))
     factors = [name for name in FACTORS if data.sizes[name] > 1]
-    if data.sizes["volunteer"] < LEAST or not factors:
+    if data.sizes["volunteer"] < LEAST_ANOVA_VOLUNTEERS or not factors:
         raise StatisticsError(
             f"{data.sizes['volunteer']} volunteers have all strategies and instructions, and "
-            f"{len(factors)} factors have two levels; expected {LEAST} volunteers and one factor"
+            f"{len(factors)} factors have two levels; expected {LEAST_ANOVA_VOLUNTEERS} volunteers "
+            "and one factor"
         )
     rows = data.rename("y").to_dataframe().reset_index()
     table = AnovaRM(rows, "y", "volunteer", within=factors).fit().anova_table

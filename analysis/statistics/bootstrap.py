@@ -24,7 +24,7 @@ from analysis.typed import selected
 Statistic = Literal["median", "mean"]
 Interval = Literal["expanded", "percentile"]
 
-FEW: Final = 10  #: number of volunteers below which bootstrap intervals are too short
+FEW_VOLUNTEERS: Final = 10  #: number of volunteers below which bootstrap intervals are too short
 
 
 def hierarchical_bootstrap(
@@ -98,8 +98,8 @@ def tails(n: int, level: float, interval: Interval) -> tuple[float, float]:
 def _checks(n: int) -> tuple[Check, ...]:
     few = Check(
         "the volunteers represent the population",
-        "doubtful" if n < FEW else "met",
-        f"{persons(n)} are resampled; with fewer than {FEW}, the coverage is below nominal, "
+        "doubtful" if n < FEW_VOLUNTEERS else "met",
+        f"{persons(n)} are resampled; with fewer than {FEW_VOLUNTEERS}, the coverage is below nominal, "
         "particularly that of the percentile interval.",
     )
     nested = Check(

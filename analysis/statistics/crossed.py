@@ -14,10 +14,10 @@ from scipy.sparse import csc_array, csr_array
 from analysis.errors import StatisticsError
 from analysis.statistics.paired import Array
 
-LARGEST: Final = 1e3
+LARGEST_EFFECT_SD: Final = 1e3
 """Upper bound of the standard deviation of a random effect relative to the residual."""
 
-NOTHING: Final = 1e-4  #: relative standard deviation below which a variance is regarded as zero
+ZERO_SD: Final = 1e-4  #: relative standard deviation below which a variance is regarded as zero
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def _optimum(equations: "_Equations", count: int) -> tuple[Array, bool]:
     def descended(start: Array) -> OptimizeResult:
         return minimize(
             equations.criterion, start, method="L-BFGS-B", jac=gradient,
-            bounds=[(0.0, LARGEST)] * count, options={"ftol": 1e-14, "gtol": 1e-7},
+            bounds=[(0.0, LARGEST_EFFECT_SD)] * count, options={"ftol": 1e-14, "gtol": 1e-7},
         )  # fmt: skip
 
     # The criterion may have a second minimum near the bound; the better of two starts is kept.
@@ -94,9 +94,9 @@ def _optimum(equations: "_Equations", count: int) -> tuple[Array, bool]:
     for _ in range(count):
         stuck = (best.x == 0.0) & (equations.slope(best.x) < 0.0)
         step = 0.1 if stuck.any() else 0.0
-        while step > NOTHING and equations.criterion(np.where(stuck, step, best.x)) >= best.fun:
+        while step > ZERO_SD and equations.criterion(np.where(stuck, step, best.x)) >= best.fun:
             step /= 2.0
-        if step <= NOTHING:
+        if step <= ZERO_SD:
             break
         best = descended(np.where(stuck, step, best.x))
     # L-BFGS-B may report a failed line search although both starts agree.
@@ -179,7 +179,7 @@ class _Equations:
         information[:-1, :-1] = products
         information[:-1, -1] = information[-1, :-1] = traces - products @ squared
         information[-1, -1] = n - traces @ squared - information[-1, :-1] @ squared
-        used = np.append(theta > NOTHING, True)
+        used = np.append(theta > ZERO_SD, True)
         VX = (at.DF @ at.inverse)[:, len(self.owner) :]
         parts = [_product(Z.T, VX) for Z in self.Z] + [VX]
         slopes = np.array([part.T @ part for part in parts])[used]

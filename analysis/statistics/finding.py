@@ -15,7 +15,7 @@ from analysis.statistics.scope import LEAST_VOLUNTEERS
 
 Verdict = Literal["met", "by design", "doubtful", "violated", "not checked"]
 
-COUNTS: Final = ("pairs", *(f"lost_{why}" for why in WHY), "clipped")
+FINDING_COUNTS: Final = ("pairs", *(f"lost_{why}" for why in WHY), "clipped")
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def collected(
         "smallest_p_holm": (dim, np.minimum(1.0, least * max(1, int(np.isfinite(p).sum()))), one),
         "n": (dim, np.array([f.n for f in findings], dtype=int), one),
     }
-    for name in COUNTS:
+    for name in FINDING_COUNTS:
         variables[name] = (dim, np.array([f.counts.get(name, 0) for f in findings], dtype=int), one)
     for name in findings[0].further if findings else ():
         measured = name in ("standard_error", "standard_deviation")

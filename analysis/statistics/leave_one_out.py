@@ -14,7 +14,7 @@ from analysis.statistics.finding import (
 )
 from analysis.statistics.paired import Array, Comparison, PairedScores
 from analysis.statistics.sign_flip import (
-    MOST_EXACT,
+    MOST_EXACT_SIGNS,
     TIED,
     sign_flip_p,
     sign_patterns,
@@ -59,7 +59,7 @@ def leave_one_volunteer_out(data: Comparison) -> xr.Dataset:
 def _without(values: Array) -> Array:
     """Sign-flip p of `values`, shape (n,), without each of them."""
     n = len(values)
-    if n - 1 <= MOST_EXACT:
+    if n - 1 <= MOST_EXACT_SIGNS:
         patterns = sign_patterns(n - 1)
         return np.array([sign_flip_p(np.delete(values, k), patterns) for k in range(n)])
     # The same random patterns serve for all, so that a value's share is taken from their sums.

@@ -24,9 +24,10 @@ from analysis.statistics.paired import Array, Comparison, PairedScores
 from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS, Scope, told_scope
 from analysis.trajectory import names
 
-RANDOM: Final = ("volunteer x strategy", "instruction x strategy")
+RANDOM_EFFECTS: Final = ("volunteer x strategy", "instruction x strategy")
 OF_MANY: Final = ("D'Agostino-Pearson", normaltest)  #: test of more than 5000 residuals
-MANY: Final = 30  #: number of volunteers above which the normal distribution approximates t
+#: number of volunteers above which the normal distribution approximates t
+MANY_VOLUNTEERS: Final = 30
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def mixed_model(
         level=level,
         attrs=data.attrs | {"scope": told_scope(scope, data.values.sizes["instruction"])},
     )
-    random = (*RANDOM, "residual")
+    random = (*RANDOM_EFFECTS, "residual")
     fits = [one.fit if isinstance(one, _Fitted) else None for one in fitted.values()]
     variances = [
         [fit.variances.get(r, math.nan) if fit else math.nan for r in random] for fit in fits
@@ -129,7 +130,7 @@ def fit_differences(
         return "all differences are equal, so that the model cannot be fitted"
     fixed = scope == "these instructions"
     X = np.eye(instructions)[i] if fixed else np.ones((len(y), 1))
-    factors = {RANDOM[0]: v} if fixed else {RANDOM[0]: v, RANDOM[1]: i}
+    factors = {RANDOM_EFFECTS[0]: v} if fixed else {RANDOM_EFFECTS[0]: v, RANDOM_EFFECTS[1]: i}
     if instructions == 1:
         factors = {}  # volunteers cannot be distinguished from the residual
     if instructions > 1 and len(y) < people + instructions:
@@ -157,7 +158,7 @@ def _finding(data: PairedScores, fitted: _Fitted | str, level: float) -> Statist
     sentence = (
         f"{data.shown(estimate)} by the mixed model over {over} ({interval}; "
         f"{shown_p(p)} with {freedom:.1f} degrees of freedom; the Wald "
-        f"{shown_p(p_wald)}{' is too small for so few volunteers' if n < MANY else ''})."
+        f"{shown_p(p_wald)}{' is too small for so few volunteers' if n < MANY_VOLUNTEERS else ''})."
     )
     further = {"standard_error": error, "degrees_of_freedom": freedom, "p_wald": p_wald}
     return StatisticalFinding(
@@ -189,7 +190,7 @@ def _checks(fitted: _Fitted | str, people: int) -> tuple[Check, ...]:
         f"{persons(people)}: the normal distribution does not account for the estimation of "
         "the variances.",
     )
-    good = (fit.converged, not zero, not normal < 0.05, people >= MANY)
+    good = (fit.converged, not zero, not normal < 0.05, people >= MANY_VOLUNTEERS)
     return tuple(
         Check(name, "met" if fine else "doubtful", text)
         for name, fine, text in zip(assumptions, good, texts, strict=True)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from analysis.cube import MARKER_DIMS
 from analysis.errors import StatisticsError
 from analysis.statistics.scope import told_scope, too_few_volunteers
-from analysis.tables import SHOWN, origin_of
+from analysis.tables import TABLE_UNITS, origin_of
 from analysis.trajectory import names
 from analysis.typed import selected, status_of
 
@@ -181,7 +181,7 @@ def paired(
         most = float(np.arctanh(limit))
         at_limit = [np.abs(side.values) >= most for side in sides]
         counts["clipped"] = int((defined & (at_limit[0] | at_limit[1])).sum())
-    _, unit, factor, _ = SHOWN.get(variable, ("1", "1", 1.0, 2))
+    _, unit, factor, _ = TABLE_UNITS.get(variable, ("1", "1", 1.0, 2))
     unit = " in z" if scale == "z" else "" if unit == "1" else f" {unit}"
     label = f"{first} - {second}"
     return PairedScores(label, differences, volunteer_means(differences), counts, unit, factor)

@@ -22,7 +22,8 @@ Test = Literal["sign_flip", "wilcoxon", "t"]
 
 VOLUNTEERS: Final = (4, 6, 8, 10, 12, 16, 20, 30)
 
-BLOCK: Final = 100  #: studies whose sign patterns are computed at once, which bounds the memory
+#: studies whose sign patterns are computed at once, which bounds the memory
+STUDIES_AT_ONCE: Final = 100
 
 MOST_DETECTABLE: Final = 1e3
 """Largest standardised difference in the search for the detectable difference."""
@@ -275,7 +276,9 @@ def _chances(studies: Array, test: Test, draws: int, seed: int) -> tuple[Array, 
     # As in `sign_flip.joint_p`: sums over the root of the sum of squares, contrasts flipped together.
     scaled = studies / np.sqrt((studies**2).sum(axis=2, keepdims=True))
     p = np.empty(len(studies))
-    for start in range(0, len(studies), BLOCK):
-        size = np.abs(scaled[start : start + BLOCK] @ patterns.T)
-        p[start : start + BLOCK] = (size.max(axis=1) >= size[:, 0, :1] - TIED).mean(axis=1)
+    for start in range(0, len(studies), STUDIES_AT_ONCE):
+        size = np.abs(scaled[start : start + STUDIES_AT_ONCE] @ patterns.T)
+        p[start : start + STUDIES_AT_ONCE] = (size.max(axis=1) >= size[:, 0, :1] - TIED).mean(
+            axis=1
+        )
     return p, max(2.0 ** (1 - n), 1.0 / len(patterns))

@@ -23,7 +23,7 @@ from analysis.statistics.finding import (
 from analysis.statistics.paired import Array, Comparison, PairedScores, volunteer_means
 from analysis.statistics.sign_flip import TIED
 
-MOST_EXACT: Final = 200
+MOST_EXACT_RANKS: Final = 200
 """Largest number of volunteers of the exact distribution of signed ranks; beyond, it is normal."""
 
 MOST_STATES: Final = 20_000
@@ -121,7 +121,7 @@ def wilcoxon_p(values: Array) -> tuple[float, float]:
         return 0.0, 1.0
     ranks = np.asarray(rankdata(sizes[sizes > 0]), dtype=np.float64)
     positive = float(ranks[moved > 0].sum())
-    if len(moved) > MOST_EXACT:
+    if len(moved) > MOST_EXACT_RANKS:
         # Signs are random: the mean of the sum is half of all ranks, its variance a quarter of squares.
         away = abs(positive - float(ranks.sum()) / 2.0) / (0.5 * float(np.sqrt((ranks**2).sum())))
         return positive, 2.0 * float(norm.sf(away))
@@ -133,7 +133,7 @@ def wilcoxon_p(values: Array) -> tuple[float, float]:
 
 def hodges_lehmann(values: Array, level: float) -> tuple[float, float, float, float]:
     """Return the median of pairwise averages, the bounds of its interval, and the exact level."""
-    if len(values) > MOST_EXACT:
+    if len(values) > MOST_EXACT_RANKS:
         return _hodges_lehmann_of_many(np.sort(values), level)
     first, second = np.triu_indices(len(values))
     averages = np.sort((values[first] + values[second]) / 2.0)

@@ -20,9 +20,10 @@ from analysis.statistics.finding import (
 )
 from analysis.statistics.paired import Array, Comparison, PairedScores
 
-MOST_EXACT: Final = 16  #: largest number of volunteers for which all sign patterns are enumerated
+#: largest number of volunteers for which all sign patterns are enumerated
+MOST_EXACT_SIGNS: Final = 16
 
-BLOCK: Final = 1000  #: patterns drawn and multiplied at once, which bounds the memory
+PATTERNS_AT_ONCE: Final = 1000  #: patterns drawn and multiplied at once, which bounds the memory
 
 Signs = NDArray[np.int8]
 
@@ -74,7 +75,7 @@ def sign_patterns(n: int, draws: int = 19_999, seed: int = 0) -> Signs:
 
     For n <= 16 all patterns up to a common sign, 2^(n-1); otherwise random ones.
     """
-    if n <= MOST_EXACT:
+    if n <= MOST_EXACT_SIGNS:
         # The first sign is fixed, because a pattern and its negative have the same absolute mean.
         pattern = np.arange(2 ** (n - 1), dtype=np.int64)[:, None]
         flipped = (pattern >> np.arange(n - 1, dtype=np.int64)) & 1
@@ -83,8 +84,8 @@ def sign_patterns(n: int, draws: int = 19_999, seed: int = 0) -> Signs:
         return few
     signs: Signs = np.ones((draws + 1, n), dtype=np.int8)
     rng = generator(seed)
-    for start in range(1, draws + 1, BLOCK):
-        rows = signs[start : start + BLOCK]
+    for start in range(1, draws + 1, PATTERNS_AT_ONCE):
+        rows = signs[start : start + PATTERNS_AT_ONCE]
         rows -= 2 * rng.integers(0, 2, size=rows.shape).astype(np.int8)
     return signs
 
@@ -92,8 +93,8 @@ def sign_patterns(n: int, draws: int = 19_999, seed: int = 0) -> Signs:
 def signed_sums(values: Array, patterns: Signs) -> Array:
     """Sums of `values`, shape (k, n), with the signs of the patterns, shape (k, m)."""
     sums = np.empty((len(values), len(patterns)))
-    for start in range(0, len(patterns), BLOCK):
-        rows = slice(start, start + BLOCK)
+    for start in range(0, len(patterns), PATTERNS_AT_ONCE):
+        rows = slice(start, start + PATTERNS_AT_ONCE)
         sums[:, rows] = values @ patterns[rows].astype(np.float64).T
     return sums
 
@@ -137,7 +138,7 @@ def _finding(
     p, least = sign_flip_p(values, patterns), max(2.0 ** (1 - n), 1.0 / len(patterns))
     lower, upper, coverage = sign_flip_interval(values, patterns, level)
     attained = coverage if math.isfinite(lower) else level  # an unbounded interval has the level 1
-    exact = "all" if n <= MOST_EXACT else f"{draws} random"
+    exact = "all" if n <= MOST_EXACT_SIGNS else f"{draws} random"
     sentence = (
         f"{data.shown(estimate)} over {persons(n)} "
         f"({data.shown_interval(lower, upper, attained)}; {shown_p(p)}, {exact} sign flips, smallest "

@@ -10,7 +10,7 @@ import xarray as xr
 from analysis.arguments import generator
 from analysis.errors import StatisticsError
 
-STRATEGIES: Final = ("act_all", "act_3", "act_rel")
+SIMULATED_STRATEGIES: Final = ("act_all", "act_3", "act_rel")
 
 
 def simulated_scores(
@@ -20,7 +20,7 @@ def simulated_scores(
     instructions: int = 2,
     repetitions: int = 2,
     markers: int = 3,
-    strategies: Sequence[str] = STRATEGIES,
+    strategies: Sequence[str] = SIMULATED_STRATEGIES,
     effects: Sequence[float] = (0.0, 0.0, 0.0),
     centre: float = 0.6,
     sd_volunteer: float = 0.3,

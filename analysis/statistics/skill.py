@@ -6,7 +6,8 @@ import numpy as np
 import xarray as xr
 
 from analysis.arguments import count, generator
-from analysis.baselines import LEAST_ROOM, TRIAL, complete, has_baselines
+from analysis.baselines import LEAST_ROOM, complete, has_baselines
+from analysis.cube import TRIAL_DIMS
 from analysis.errors import StatisticsError
 from analysis.statistics.bootstrap import replicates, tails
 from analysis.statistics.finding import check_level
@@ -15,7 +16,7 @@ from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.tables import origin_of
 from analysis.typed import status_of
 
-LEVELS: Final = (
+CORRELATIONS: Final = (
     "rho", "template_rho", "template_limit", "repeat_rho", "ceiling", "others_rho", "shuffled_rho",
     "wrong_rho", "wrong_rho_max",
 )  # fmt: skip
@@ -41,17 +42,17 @@ def against_baselines(
     `cube` has the variables of `analysis.baselines.VARIABLES`, without further axes. `level` is
     that of the intervals; `draws` and `seed` are bootstrap samples and the seed of their draws.
 
-    The result has the dims strategy, bound: means over the trials of a strategy of each of `LEVELS`
-    [1]; of each of `GAINS` [1] the estimate and, as ``<name>_interval``, its bounds: markers are
-    averaged first, volunteers and repetitions drawn as in `analysis.statistics.bootstrap`,
-    quantiles expanded. Gain and skill refer to the template of infinitely many volunteers
-    (`analysis.baselines.template_limit`), because any prediction that is free of the noise of the
-    finite template exceeds it, also without EMG. ``skill`` is the mean of rho - template over the
-    mean of ceiling - template, not the mean of the trials' skills, which trials with similar
-    template and ceiling would dominate. ``skill_others`` is that of a prediction without the EMG
-    of the person. ``volunteers`` and ``trials`` for which rho minus template is defined,
-    ``template_volunteers`` (median), ``instructions``. Templates of different volunteers share
-    members, so that volunteers are not wholly independent.
+    The result has the dims strategy, bound: means over the trials of a strategy of each of
+    `CORRELATIONS` [1]; of each of `GAINS` [1] the estimate and, as ``<name>_interval``, its bounds:
+    markers are averaged first, volunteers and repetitions drawn as in
+    `analysis.statistics.bootstrap`, quantiles expanded. Gain and skill refer to the template of
+    infinitely many volunteers (`analysis.baselines.template_limit`), because any prediction that is
+    free of the noise of the finite template exceeds it, also without EMG. ``skill`` is the mean of
+    rho - template over the mean of ceiling - template, not the mean of the trials' skills, which
+    trials with similar template and ceiling would dominate. ``skill_others`` is that of a
+    prediction without the EMG of the person. ``volunteers`` and ``trials`` for which rho minus
+    template is defined, ``template_volunteers`` (median), ``instructions``. Templates of different
+    volunteers share members, so that volunteers are not wholly independent.
 
     Raises StatisticsError if the cube contains no baselines, has further axes, or an option is
     outside its range.
@@ -64,19 +65,20 @@ def against_baselines(
         raise StatisticsError(
             "the cube contains no baselines: it was written by an older version, run the study again"
         )
-    cube, dims = complete(cube), (*TRIAL, "marker")
+    cube, dims = complete(cube), (*TRIAL_DIMS, "marker")
     extra = set(cube["rho"].dims) - set(dims)
     if extra:
         raise StatisticsError(f"the cube has further axes ({', '.join(map(str, extra))})")
     ok = status_of(cube) == "ok"
     values = {
-        name: cube[name].broadcast_like(cube["rho"]).transpose(*dims).where(ok) for name in LEVELS
+        name: cube[name].broadcast_like(cube["rho"]).transpose(*dims).where(ok)
+        for name in CORRELATIONS
     }
     strategies = [str(label) for label in cube["strategy"].values]
     result = xr.Dataset(coords={"strategy": strategies, "bound": ["lower", "upper"]})
-    for name in LEVELS:
+    for name in CORRELATIONS:
         shared = np.isfinite(values["rho"]) & np.isfinite(values[name])
-        mean = values[name].where(shared).mean("marker").mean([*TRIAL[:3]])
+        mean = values[name].where(shared).mean("marker").mean([*TRIAL_DIMS[:3]])
         result[name] = ("strategy", mean.values, {"units": "1"})
     rho = values["rho"]
     room = values["ceiling"] - values["template_limit"]
@@ -106,7 +108,9 @@ def against_baselines(
         result[name] = ("strategy", np.array([one[0] for one in estimates]), attrs)
         bounds = np.array([one[1:] for one in estimates]).reshape(-1, 2)
         result[f"{name}_interval"] = (("strategy", "bound"), bounds, attrs)
-    scored = parts["gain_template"].transpose("strategy", *TRIAL[:3], "marker").notnull().values
+    scored = (
+        parts["gain_template"].transpose("strategy", *TRIAL_DIMS[:3], "marker").notnull().values
+    )
     result["trials"] = ("strategy", scored.any(axis=4).sum(axis=(1, 2, 3)))
     result["volunteers"] = ("strategy", scored.any(axis=(2, 3, 4)).sum(axis=1))
     others = cube["template_volunteers"].values

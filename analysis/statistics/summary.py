@@ -13,12 +13,10 @@ from analysis.statistics.leave_one_out import leave_one_volunteer_out
 from analysis.statistics.mixed_model import mixed_model
 from analysis.statistics.paired import WHY, compare
 from analysis.statistics.power import detectable
-from analysis.statistics.ranks import MOST_EXACT as MOST_EXACT_RANKS
-from analysis.statistics.ranks import friedman, wilcoxon
+from analysis.statistics.ranks import MOST_EXACT_RANKS, friedman, wilcoxon
 from analysis.statistics.scope import LEAST_VOLUNTEERS
-from analysis.statistics.sign_flip import MOST_EXACT as MOST_EXACT_FLIPS
-from analysis.statistics.sign_flip import sign_flip
-from analysis.tables import SHOWN, Column, Table, recordings
+from analysis.statistics.sign_flip import MOST_EXACT_SIGNS, sign_flip
+from analysis.tables import TABLE_UNITS, Column, Table, recordings
 
 
 def study_statistics(
@@ -139,7 +137,7 @@ def _smallest_seen(row: xr.Dataset, alpha: float, tested: int) -> str:
         )
     size = detectable(int(row["n"]), test="sign_flip", contrasts=tested, alpha=alpha) * spread
     variable, scale = str(row.attrs["variable"]), str(row.attrs["scale"])
-    _, unit, factor, _ = SHOWN.get(variable, ("1", "1", 1.0, 2))
+    _, unit, factor, _ = TABLE_UNITS.get(variable, ("1", "1", 1.0, 2))
     unit = " in z" if scale == "Fisher z" else "" if unit == "1" else f" {unit}"
     return (
         "with the spread between these volunteers, the smallest difference that such a "
@@ -180,7 +178,7 @@ def statistics_table(statistics: Mapping[str, xr.Dataset]) -> Table:
     rows: list[tuple[object, ...]] = []
     for name, each in statistics.items():
         variable = str(each.attrs["variable"])
-        _, unit, factor, _ = SHOWN.get(variable, ("1", "1", 1.0, 2))
+        _, unit, factor, _ = TABLE_UNITS.get(variable, ("1", "1", 1.0, 2))
         if each.attrs["scale"] == "Fisher z":
             unit = "z"
         if name == "friedman":
@@ -204,7 +202,7 @@ def statistics_table(statistics: Mapping[str, xr.Dataset]) -> Table:
     note = (
         "All tests apply to volunteers in general; the column instructions states if they "
         "apply to the instructions of the study or to instructions in general. Sign flips "
-        f"and Wilcoxon are exact (up to {MOST_EXACT_FLIPS} and {MOST_EXACT_RANKS} volunteers); "
+        f"and Wilcoxon are exact (up to {MOST_EXACT_SIGNS} and {MOST_EXACT_RANKS} volunteers); "
         "the mixed model uses t; the p of equivalence is small if "
         "strategies are equivalent; the bounds of leave one out are the extreme estimates. "
         "Standard deviation: of the differences between volunteers. "

@@ -28,7 +28,7 @@ from emgface.face.check import face_report
 from emgface.face.lip_shape import lip_opening, lip_rim, lip_shape
 from emgface.face.parts import FREE, MANDIBLE, SKULL
 from emgface.face.quality import element_quality
-from emgface.face.template import PRESETS, norms_table, random_measures, template_face
+from emgface.face.template import GROUP_PRESETS, norms_table, random_measures, template_face
 from emgface.face.template.actions import muscle_actions, steady_positions
 from emgface.face.template.build import shaped_positions
 from emgface.face.template.gestures import GESTURES, gesture_activation
@@ -92,7 +92,7 @@ def quality() -> str:
         }
     by_resolution = pd.DataFrame.from_dict(rows, orient="index").rename_axis("resolution")
     rows = {}
-    for preset in PRESETS:
+    for preset in GROUP_PRESETS:
         value = face_report(template_face(resolution="fine", preset=preset)).summary["value"]
         rows[preset] = {
             "inverted": int(value["inverted elements"]),
@@ -112,8 +112,8 @@ def volunteers() -> str:
     """Quality of random people at the fine resolution: geometry alone, nothing is simulated."""
     grid = make_grid("fine")
     start, rows = time.perf_counter(), {}
-    for preset in PRESETS:
-        seeds = range(list(PRESETS).index(preset), VOLUNTEERS, len(PRESETS))
+    for preset in GROUP_PRESETS:
+        seeds = range(list(GROUP_PRESETS).index(preset), VOLUNTEERS, len(GROUP_PRESETS))
         smallest, inverted, volume = [], 0, []
         for seed in seeds:
             measures = random_measures(seed, preset=preset, asymmetry=1.0)
@@ -378,7 +378,7 @@ derived or chosen, as stated in the note.
 
 The presets describe the following groups of people:
 
-{markdown(pd.DataFrame({"means": PRESETS}).rename_axis("preset").reset_index())}"""
+{markdown(pd.DataFrame({"means": GROUP_PRESETS}).rename_axis("preset").reset_index())}"""
 
 
 PARTS: dict[str, tuple[str, Callable[[], str]]] = {

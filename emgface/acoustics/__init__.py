@@ -5,17 +5,17 @@ which is valid up to 4 to 5 kHz; side branches other than the nasal tract are ab
 """
 
 from emgface.acoustics.matrix import formants, lossless_formants, transfer
-from emgface.acoustics.medium import LOSSLESS, SMALLEST, LineBranch, Medium
+from emgface.acoustics.medium import CLOSURE_AREA, LOSSLESS, LineBranch, Medium
 from emgface.acoustics.printed import TransferFunction, read_transfer_function
 from emgface.acoustics.resonances import resonances
-from emgface.acoustics.sources import SILENT, Flow, Folds, Source, Turbulence, rosenberg
+from emgface.acoustics.sources import NO_TURBULENCE, Flow, Folds, Source, Turbulence, rosenberg
 from emgface.acoustics.wall_pressure import wall_pressure
 from emgface.acoustics.waves import TubeSound, kelly_lochbaum, simulate_tube
 
 __all__ = [
     "LOSSLESS",
-    "SILENT",
-    "SMALLEST",
+    "NO_TURBULENCE",
+    "CLOSURE_AREA",
     "LineBranch",
     "Flow",
     "Folds",

@@ -14,7 +14,7 @@ from emgface.acoustics.errors import AcousticsError
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-SMALLEST: Final = 1e-8
+CLOSURE_AREA: Final = 1e-8
 """Area that represents a closure [m^2]; smaller areas are raised to it (Story 1996 prints zeros)."""
 PI: Final = float(np.pi)
 
@@ -117,7 +117,7 @@ class Shapes:
 
 
 def shapes(areas: ArrayLike, length: ArrayLike, times: ArrayLike = 0.0) -> Shapes:
-    """Check area functions and raise areas below `SMALLEST`.
+    """Check area functions and raise areas below `CLOSURE_AREA`.
 
     Raises AcousticsError if a value is not finite or negative, a length is not between 1 cm and 1 m, an
     area exceeds 100 cm^2 (as areas in cm^2 would), or times do not ascend.
@@ -148,4 +148,4 @@ def shapes(areas: ArrayLike, length: ArrayLike, times: ArrayLike = 0.0) -> Shape
         )
     if not (np.isfinite(t).all() and (np.diff(t) > 0.0).all()):
         raise AcousticsError("times do not ascend, expected ascending instants of the frames [s]")
-    return Shapes(np.maximum(S, SMALLEST), lengths, t)
+    return Shapes(np.maximum(S, CLOSURE_AREA), lengths, t)

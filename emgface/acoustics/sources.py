@@ -11,7 +11,7 @@ from analysis.arguments import count
 from emgface.acoustics.errors import AcousticsError
 from emgface.acoustics.medium import Floats
 
-HIGHEST: Final = 5000.0  #: pitch [Hz] above which the pulses of a voice are not sampled
+HIGHEST_PITCH: Final = 5000.0  #: pitch [Hz] above which the pulses of a voice are not sampled
 TENSEST: Final = 10.0
 """Tension of the folds above which a step does not resolve their vibration; voices have 0.5 to 2."""
 
@@ -100,12 +100,12 @@ def rosenberg(
     Raises
     ------
     AcousticsError
-        A parameter is not above 0, the pitch exceeds `HIGHEST`, or the open quotient is above 1.
+        A parameter is not above 0, the pitch exceeds `HIGHEST_PITCH`, or the open quotient is above 1.
     """
-    if not (0.0 < pitch <= HIGHEST and 0.0 < open_quotient <= 1.0 and slope > 0.0):
+    if not (0.0 < pitch <= HIGHEST_PITCH and 0.0 < open_quotient <= 1.0 and slope > 0.0):
         raise AcousticsError(
             f"pitch {pitch:g} Hz, open quotient {open_quotient:g}, slope {slope:g}: expected values "
-            f"above 0, a pitch of at most {HIGHEST:g} Hz and an open quotient of at most 1"
+            f"above 0, a pitch of at most {HIGHEST_PITCH:g} Hz and an open quotient of at most 1"
         )
     phase = np.mod(np.asarray(t, np.float64) * pitch, 1.0)
     closing = open_quotient / (1.0 + slope)
@@ -210,4 +210,4 @@ class Turbulence:
         return np.asarray(sosfilt(sos, white, axis=1)) / np.sqrt(12.0 * share)
 
 
-SILENT: Final = Turbulence(gain=0.0)  #: no turbulence
+NO_TURBULENCE: Final = Turbulence(gain=0.0)  #: no turbulence

@@ -18,16 +18,18 @@ from scipy.signal import resample_poly
 
 from emgface.acoustics._kernels import tube
 from emgface.acoustics.errors import AcousticsError, CourantError
-from emgface.acoustics.medium import SMALLEST, Floats, LineBranch, Medium, Shapes, shapes
-from emgface.acoustics.sources import SILENT, Source, Turbulence
+from emgface.acoustics.medium import CLOSURE_AREA, Floats, LineBranch, Medium, Shapes, shapes
+from emgface.acoustics.sources import NO_TURBULENCE, Source, Turbulence
 
 kernels: Any = tube
 
-BLOCK: Final = 64  #: steps between the instants at which the shape of a changing tube is evaluated
+#: steps between the instants at which the shape of a changing tube is evaluated
+STEPS_PER_SHAPE: Final = 64
 LANES: Final = 16
 """Multiple of the nodes to which arrays are filled, so that compiled loops have no remainder."""
-CHUNK: Final = 96 * BLOCK  #: steps that are computed in one call, between reports of progress
-MOST: Final = kernels.STRIDE - LANES - 1  #: largest number of nodes
+#: steps that are computed in one call, between reports of progress
+CHUNK: Final = 96 * STEPS_PER_SHAPE
+MOST_TUBE_NODES: Final = kernels.STRIDE - LANES - 1  #: largest number of nodes
 HISS: Final = 40_000.0  #: lowest rate of samples of turbulence, between which it is linear [Hz]
 FRICTION_BAND: Final = (60.0, 9000.0)
 """Band in which the terms of the losses represent sqrt(s) [Hz]."""
@@ -175,7 +177,7 @@ class _Layout:
         blocks = np.arange(len(S))
         ahead = np.where(np.arange(N) >= narrow[:, None], S[:, :N], 0.0).max(axis=1)
         loss = np.where(narrow == N - 1, 1.0, (1.0 - S[blocks, narrow] / ahead) ** 2)
-        some, per = np.maximum(S, SMALLEST), _middle(surface) / _middle(V)
+        some, per = np.maximum(S, CLOSURE_AREA), _middle(surface) / _middle(V)
         jet = np.stack([narrow.astype(np.float64), loss], axis=1)
         return flux, V, inverse, m.friction_rate(some), m.steady_rate(some), per, jet
 
@@ -219,7 +221,7 @@ def simulate_tube(
     substeps: int | None = None,
     medium: Medium | None = None,
     branch: LineBranch | None = None,
-    turbulence: Turbulence = SILENT,
+    turbulence: Turbulence = NO_TURBULENCE,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> TubeSound:
@@ -284,8 +286,10 @@ def simulate_tube(
         raise CourantError(medium.c * dt / cell, dt, cell)
     layout = _layout(tube, medium, sections, branch, dt)
     n, nodes = round(duration * rate) * steps, max(layout.ends) + 1
-    if nodes > MOST:
-        raise AcousticsError(f"{nodes} nodes of the tube and its branch, expected at most {MOST}")
+    if nodes > MOST_TUBE_NODES:
+        raise AcousticsError(
+            f"{nodes} nodes of the tube and its branch, expected at most {MOST_TUBE_NODES}"
+        )
     weight, decay = friction_terms(kernels.TERMS)
     weight = weight * float(medium.friction > 0.0)
     beta = 0.5 * dt * decay
@@ -309,11 +313,11 @@ def simulate_tube(
         last = min(first + CHUNK, n)
         t = _instants(np.arange(first, last) + 0.5, dt)
         if not still:
-            count = -(-(last - first) // BLOCK)
-            g = layout.grid(_instants(first + BLOCK * np.arange(count + 1), dt))
+            count = -(-(last - first) // STEPS_PER_SHAPE)
+            g = layout.grid(_instants(first + STEPS_PER_SHAPE * np.arange(count + 1), dt))
         kernels.advance(
-            dt, first, CHUNK if still else BLOCK, (medium.rho, medium.c, medium.mu), walls, losses,
-            state, ports, flows, motion, g, load, layout.ends, layout.node, folds, rough,
+            dt, first, CHUNK if still else STEPS_PER_SHAPE, (medium.rho, medium.c, medium.mu), walls,
+            losses, state, ports, flows, motion, g, load, layout.ends, layout.node, folds, rough,
             np.stack([source.flow(t), source.pressure(t), source.rest(t)]), noise, hold,
             out,
         )  # fmt: skip

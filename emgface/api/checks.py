@@ -50,14 +50,14 @@ def check(
 
     from emgface.api.given import recording_of
     from emgface.api.readiness import refusals
-    from emgface.models.kinds import KINDS
+    from emgface.models.kinds import MODEL_KINDS
     from emgface.recordings.check import check_recording, problems
     from emgface.schema.netcdf import kind_of
     from emgface.signals.parameters import SignalChain
 
     if not isinstance(given, xr.Dataset) and Path(given).suffix.lower() == ".nc":
         declared = kind_of(Path(given))
-        for kind in KINDS.values():
+        for kind in MODEL_KINDS.values():
             if kind.model == declared:
                 model = kind.functions.read(Path(given))
                 description = pd.DataFrame({"description": [kind.functions.describe(model)]})

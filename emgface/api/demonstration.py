@@ -13,10 +13,10 @@ from emgface.volunteers.settings import VolunteerParameters
 RESOLUTION = "coarse"
 SHORT: Final = ("A", "D")  #: instructions of the demonstration: purse lips, and smile
 
-DURATION, REST, OUTPUT = 1.0, 0.25, 0.02
+DEMONSTRATION_DURATION, DEMONSTRATION_REST, DEMONSTRATION_OUTPUT = 1.0, 0.25, 0.02
 """Length of a trial, and of the rests before and after it; largest step and time between outputs [s]."""
 
-STRATEGIES: Final = {
+STRATEGY_WORDS: Final = {
     "act_all": "all ten muscles of a side follow the EMG",
     "act_3": "only the three muscles of the largest variance follow the EMG",
     "act_rel": "only the muscles that anatomy relates to the instruction follow the EMG",
@@ -25,7 +25,9 @@ STRATEGIES: Final = {
 
 def demo_volunteers() -> VolunteerParameters:
     """Volunteers of the demonstration: individual faces, in the mismatched world."""
-    return VolunteerParameters(resolution=RESOLUTION, duration=DURATION, rest=REST)
+    return VolunteerParameters(
+        resolution=RESOLUTION, duration=DEMONSTRATION_DURATION, rest=DEMONSTRATION_REST
+    )
 
 
 def demo_study(out: Path, *, instructions: tuple[str, ...] = SHORT) -> StudyConfiguration:
@@ -51,12 +53,12 @@ def demo_study(out: Path, *, instructions: tuple[str, ...] = SHORT) -> StudyConf
             "simulation": {
                 "sigma_max": 100e3,
                 "accuracy": "draft",
-                "step": OUTPUT,
-                "output": OUTPUT,
+                "step": DEMONSTRATION_OUTPUT,
+                "output": DEMONSTRATION_OUTPUT,
                 "support": WALL,
                 "contact": {"method": "none"},
             },
-            "strategies": list(STRATEGIES),
+            "strategies": list(STRATEGY_WORDS),
         },
     )
 

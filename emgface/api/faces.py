@@ -240,9 +240,10 @@ def simulate(
     from emgface.models.face import constant_activation
     from emgface.pictures.body import skin_of
     from emgface.pictures.surface import SurfaceProbe, with_surface
-    from emgface.recordings.belonging import TRIAL, of_face
+    from emgface.recordings.belonging import of_face
     from emgface.recordings.findings import ATTRIBUTE, findings_in, with_findings
     from emgface.recordings.repeated import warn_of
+    from emgface.recordings.trial_names import TRIAL_FIELDS
     from emgface.study.calibrated import calibrated_for
 
     plan = study_of(study)
@@ -304,6 +305,6 @@ def simulate(
         trajectory = with_surface(trajectory, model, skin)
     for doubt in doubts_of(trajectory):
         warnings.warn(doubt, MotionWarning, stacklevel=2)
-    keep = (*TRIAL, "source_digest", "strategy", "montage", ATTRIBUTE)
+    keep = (*TRIAL_FIELDS, "source_digest", "strategy", "montage", ATTRIBUTE)
     trajectory.attrs |= {name: attrs[name] for name in keep if name in attrs}
     return with_findings(trajectory, other) if other else trajectory

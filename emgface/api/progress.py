@@ -9,7 +9,7 @@ from typing import Final
 Show = Callable[[int, int], None]
 
 PATIENCE: Final = 5.0  #: time after which the progress is shown by default [s]
-PERIOD: Final = 0.5  #: time between two updates of the line [s]
+UPDATE_PERIOD: Final = 0.5  #: time between two updates of the line [s]
 
 
 @contextmanager
@@ -73,7 +73,7 @@ class Line:
         now = time.monotonic()
         if not self._wanted or now < self._due:
             return
-        self._due = now + PERIOD
+        self._due = now + UPDATE_PERIOD
         text = f"{self._what}: {self._done} of {self._total} {self._label}".rstrip()
         self._width = max(self._width, len(text))
         print("\r" + text.ljust(self._width), end="", file=sys.stderr, flush=True)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from emgface.api.given import Data, File
 
 HEIGHT: Final = 620  #: height of a moving face in a notebook [CSS pixels]
-COLOURS: Final = 256
+STILL_COLOURS: Final = 256
 """Colours of a still picture, chosen by k-means: a third of the bytes in a stored notebook."""
 
 
@@ -277,6 +277,6 @@ class View:
 
         drawn, small = BytesIO(), BytesIO()
         self.figure.savefig(drawn, format="png", dpi=NOTEBOOK_DPI)
-        picture = Image.open(drawn).convert("RGB").quantize(COLOURS, kmeans=3)
+        picture = Image.open(drawn).convert("RGB").quantize(STILL_COLOURS, kmeans=3)
         picture.save(small, format="png", optimize=True)
         return b64encode(small.getvalue()).decode("ascii")

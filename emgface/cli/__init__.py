@@ -41,7 +41,7 @@ class Listing(Commands):
             "Usage: emgface COMMAND [ARGUMENTS] [OPTIONS]   (emgface COMMAND --help)",
             f"{self.help}",
         ]
-        panels = list(LISTED.items())
+        panels = list(LISTED_COMMANDS.items())
         for left, right in zip(panels[::2], panels[1::2], strict=True):
             cells = [
                 [name, *(f" {verb:<11}{few}" for verb, _, few in verbs)]
@@ -81,7 +81,7 @@ def common(
     show_warnings_as_sentences()
 
 
-LISTED = {
+LISTED_COMMANDS = {
     "Recordings": (
         ("check", data.check, "faults of recordings and models"),
         ("map", data.propose, "labels to muscles and markers"),
@@ -122,7 +122,7 @@ LISTED = {
     ),
 }
 """Commands by panel, with what `emgface --help` prints of them."""
-for panel, verbs in LISTED.items():
+for panel, verbs in LISTED_COMMANDS.items():
     for verb, function, _ in verbs:
         if isinstance(function, typer.Typer):
             app.add_typer(function, name=verb, rich_help_panel=panel)

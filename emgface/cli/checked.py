@@ -16,8 +16,8 @@ from emgface.schema.rules import one_line
 from emgface.signals.parameters import SignalChain
 from emgface.study.table import samples_digest
 
-COLUMNS = ("name", "signal", "rate", "duration", "unit", "finite", "longest_gap", "rms", "verdict",
-           "reason")  # fmt: skip
+CHECKED_COLUMNS = ("name", "signal", "rate", "duration", "unit", "finite", "longest_gap", "rms",
+                   "verdict", "reason")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Checked:
     def show(self) -> None:
         """Print the table in a terminal, and one sentence for each error."""
         if out.is_terminal:
-            show_table(frame(self.report[list(COLUMNS)]), f"{self.file} ({self.origin})")
+            show_table(frame(self.report[list(CHECKED_COLUMNS)]), f"{self.file} ({self.origin})")
         for sentence in self.bad:
             say(f"{self.file}: {sentence}")
 

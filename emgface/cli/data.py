@@ -167,14 +167,14 @@ def _model_checked(path: Path) -> bool:
     if path.suffix.lower() != ".nc" or not path.is_file():
         return False
     from emgface.errors import EmgfaceError
-    from emgface.models.kinds import KINDS
+    from emgface.models.kinds import MODEL_KINDS
     from emgface.schema.netcdf import kind_of
 
     try:
         declared = kind_of(path)
     except EmgfaceError:  # reported by the reader of recordings
         return False
-    kind = next((one for one in KINDS.values() if one.model == declared), None)
+    kind = next((one for one in MODEL_KINDS.values() if one.model == declared), None)
     if kind is None:
         return False
     model = kind.functions.read(path)

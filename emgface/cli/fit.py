@@ -116,7 +116,7 @@ def fit(
     ] = False,
 ) -> None:
     """Fit a face, jaw or tongue to a person by landmarks and, if present, surfaces."""
-    from emgface.models.kinds import KINDS, Evidence, Person, kind_of_model
+    from emgface.models.kinds import MODEL_KINDS, Evidence, Person, kind_of_model
 
     given: dict[str, object] = dict(parts_of("--surface", surfaces))
     if labels is not None or label:
@@ -132,8 +132,8 @@ def fit(
         k: v for k, v in {"skin": skin, "inner": inner, "bone": bone}.items() if v is not None
     }
     path = model or Path("face")
-    generated = not path.exists() and str(path) in KINDS
-    kind = KINDS[str(path)] if generated else kind_of_model(path)
+    generated = not path.exists() and str(path) in MODEL_KINDS
+    kind = MODEL_KINDS[str(path)] if generated else kind_of_model(path)
     announce_compilation()
     with progress("fitting") as bar:
 

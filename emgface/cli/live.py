@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from emgface.view.workspace import Workspace
 
 STREAM = "lsl:"  #: begins the name of a stream
-STEP = 0.01  #: step at full order [s]
+FULL_ORDER_STEP = 0.01  #: step at full order [s]
 
 
 def live(
@@ -166,7 +166,7 @@ def _face(
         parameters = simulation_of(
             study_of(None).simulation, "draft", {"contact": {"method": "none"}}
         )
-        return chosen, FullMoving(chosen, parameters, skin, STEP), None
+        return chosen, FullMoving(chosen, parameters, skin, FULL_ORDER_STEP), None
     data = read_netcdf(reduced, "reduced_face")
     small = ReducedFace.for_face(data, chosen, parameters_of(data))
     return chosen, ReducedMoving(small, skin, float(data.attrs["step"])), small
@@ -279,11 +279,11 @@ def _conclude(session: "LiveSession", log: Path | None, source: str) -> None:
     from emgface.files import write_text
     from emgface.reduced.live import live_summary
     from emgface.schema.netcdf import write_netcdf
-    from emgface.view.live import HEAD
+    from emgface.view.live import FRAME_NUMBERS
 
     if not len(session.log.rows):
         return
-    table = pd.DataFrame(session.log.rows, columns=list(HEAD))
+    table = pd.DataFrame(session.log.rows, columns=list(FRAME_NUMBERS))
     step = session.face.step
     numbers = pd.DataFrame(live_summary(table, step).items(), columns=["quantity", "value"])
     title = f"{source}, {len(table)} frames of {1e3 * step:g} ms, times in s"

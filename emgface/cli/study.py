@@ -36,9 +36,9 @@ def template(
 ) -> None:
     """Write a study file with the parameters that most studies decide, with default, unit and source."""
     from emgface.run.store import store_text
-    from emgface.study.file import CHANGED, study_template
+    from emgface.study.file import SHORT_PARAMETERS, study_template
 
-    text = study_template(only=None if every else CHANGED)
+    text = study_template(only=None if every else SHORT_PARAMETERS)
     if out_path is None:
         typer.echo(text, nl=False)
         return
@@ -278,7 +278,7 @@ def demo(
 
 def _demo(out_path: Path, full: bool, accuracy: str | None) -> int:
     """Run the demonstration in the waiting processes and return the exit code."""
-    from emgface.api.demonstration import SHORT, STRATEGIES, demo_study, demo_volunteers
+    from emgface.api.demonstration import SHORT, STRATEGY_WORDS, demo_study, demo_volunteers
     from emgface.face.file import save_face
     from emgface.files import write_text
     from emgface.muscles import INSTRUCTIONS
@@ -296,7 +296,7 @@ def _demo(out_path: Path, full: bool, accuracy: str | None) -> int:
     write_text(out_path / "study.toml", study_template(plan))
     result, tables = _results(plan, out_path / "study", cores())
     tell(tables.summary)
-    for name, meaning in STRATEGIES.items():
+    for name, meaning in STRATEGY_WORDS.items():
         tell(f"{name}: {meaning}.")
     page = out_path / "report.html"
     _page(out_path / "study", page, tables)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from emgface.study.configuration import StudyConfiguration
 
 Folder = Annotated[Path, typer.Argument(help="Folder of a study ('emgface study run --out').")]
-SHOWN = 5  #: failures and running trials listed by default
+LISTED_BY_DEFAULT = 5  #: failures and running trials listed by default
 
 
 def status(
@@ -54,12 +54,16 @@ def status(
     if last.state == "running" and state.remaining is not None:
         tell(f"About {duration(state.remaining)} remain.")
     if running:
-        more = f" and {len(running) - SHOWN} more" if len(running) > SHOWN else ""
-        tell(f"Running: {', '.join(running[:SHOWN])}{more}.")
-    for label, reason in state.failures[: None if every else SHOWN]:
+        more = (
+            f" and {len(running) - LISTED_BY_DEFAULT} more"
+            if len(running) > LISTED_BY_DEFAULT
+            else ""
+        )
+        tell(f"Running: {', '.join(running[:LISTED_BY_DEFAULT])}{more}.")
+    for label, reason in state.failures[: None if every else LISTED_BY_DEFAULT]:
         tell(f"Failed: {label}: {reason}")
-    if len(state.failures) > SHOWN and not every:
-        say(f"{len(state.failures) - SHOWN} more failures are listed with --all.")
+    if len(state.failures) > LISTED_BY_DEFAULT and not every:
+        say(f"{len(state.failures) - LISTED_BY_DEFAULT} more failures are listed with --all.")
     show_table(
         Rows(
             ("stage", "results", "MB", "kB each"),

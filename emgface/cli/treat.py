@@ -126,7 +126,7 @@ def compare(
     from emgface.reduced.model import contact_of
     from emgface.schema.netcdf import kind_of
     from emgface.treatment.comparison import compare_faces
-    from emgface.treatment.motions import TASKS
+    from emgface.treatment.motions import MOVEMENTS
     from emgface.treatment.outcomes import with_words
     from emgface.treatment.pages import states_of
     from emgface.treatment.plan import NOT_VALIDATED
@@ -159,7 +159,7 @@ def compare(
         if path is not None:
             write_text(path, compared.page(plain=simple))
     if picture is not None:
-        write_figure(states_of(compared.treated, motions, ("A", "D", *TASKS)), picture)
+        write_figure(states_of(compared.treated, motions, ("A", "D", *MOVEMENTS)), picture)
     if table is not None:
         _write_table(table, compared.outcomes)
     show_table(frame(with_words(compared.outcomes.round(3), 3)), "outcomes, simulated")
@@ -251,10 +251,10 @@ def dose(
     from emgface.run.store import store_netcdf
     from emgface.treatment import dose
     from emgface.treatment.dose_figure import dose_figure
-    from emgface.treatment.motions import TASKS
+    from emgface.treatment.motions import MOVEMENTS
     from emgface.treatment.plan import NOT_VALIDATED, Shape, read_plan
 
-    moved = _chosen(movements, "--movements", (*INSTRUCTIONS, *TASKS))
+    moved = _chosen(movements, "--movements", (*INSTRUCTIONS, *MOVEMENTS))
     setting = dose.DoseSetting(
         resolution=resolution, movements=moved, sigma_max=sigma_max, contact=contact
     )

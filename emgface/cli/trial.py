@@ -112,11 +112,11 @@ def score(
     baseline: options.BaselineOption = None,
 ) -> None:
     """Align measured with simulated motion of lips or jaw, and score every marker."""
-    from emgface.models.kinds import KINDS, kind_of_motion
+    from emgface.models.kinds import MODEL_KINDS, kind_of_motion
     from emgface.schema.netcdf import kind_of, write_netcdf
 
     named = kind_of(motion) if motion.is_file() else ""
-    kind = KINDS["face"] if named in ("", "trajectory") else kind_of_motion(motion)
+    kind = MODEL_KINDS["face"] if named in ("", "trajectory") else kind_of_motion(motion)
     if kind.name != "face":
         from emgface.cli.tables import rows_of
         from emgface.recordings.dataset import read_recording

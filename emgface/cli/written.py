@@ -12,7 +12,7 @@ from emgface.files import expressible
 _OWN = (
     "cube exclude figure log movie page picture plain plot report save table vtk waypoints".split()
 )
-WRITTEN = {
+WRITTEN_OPTIONS = {
     "out_path": "--out",
     "out_table": "--out",
     "wave": "--out",
@@ -40,12 +40,12 @@ def spare_inputs(values: Mapping[str, object]) -> None:
     read = [
         path
         for name, value in values.items()
-        if name not in WRITTEN
+        if name not in WRITTEN_OPTIONS
         for path in _paths(Path(value) if name == "source" and isinstance(value, str) else value)
         if os.path.isfile(path)  # also False for a text that is longer than a name can be
     ]
     seen: dict[Path, str] = {}
-    for name, option in WRITTEN.items():
+    for name, option in WRITTEN_OPTIONS.items():
         for path in _paths(values.get(name)):
             if any(path.exists() and path.samefile(source) for source in read):
                 raise typer.BadParameter(

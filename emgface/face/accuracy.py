@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from emgface.schema.units import DIVISORS, spelling
 
-PRESETS: Final[dict[str, dict[str, Any]]] = {
+ACCURACY_PRESETS: Final[dict[str, dict[str, Any]]] = {
     "draft": {
         "solver": "sdirk2",
         "step": 0.01,
@@ -59,13 +59,13 @@ def accuracy_settings(accuracy: str) -> dict[str, Any]:
     ``iteration_tolerance`` and ``error_tolerance``. Raises ValueError for anything but a preset or a
     positive length.
     """
-    if accuracy in PRESETS:
-        return dict(PRESETS[accuracy])
+    if accuracy in ACCURACY_PRESETS:
+        return dict(ACCURACY_PRESETS[accuracy])
     length = desired_error(accuracy)
     if length is None:
         raise ValueError(
-            f"accuracy = {accuracy!r}, expected one of {', '.join(PRESETS)} or an error such as "
-            "'0.1 mm'"
+            f"accuracy = {accuracy!r}, expected one of {', '.join(ACCURACY_PRESETS)} or an error "
+            "such as '0.1 mm'"
         )
     return {
         "solver": "sdirk2",

@@ -19,7 +19,7 @@ MILLIMETRE = 1e-3  #: unit of length of the published files [m]
 
 ID_WIDTH, COORDINATE_WIDTH = 8, 20
 NODE_LINE_WIDTH = ID_WIDTH + 3 * COORDINATE_WIDTH
-FIELD_WIDTH, FIELDS = 6, 13
+FIELD_WIDTH, ELEMENT_FIELDS = 6, 13
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?"
 _FREE_NODE = re.compile(rf"\s*(\d+)(?=[\s+-])\s*({_NUMBER})\s+({_NUMBER})\s+({_NUMBER})\s*")
@@ -94,8 +94,8 @@ def read_elements(path: Path) -> ElementList:
                 f"{path}, line {number}: {len(line)} characters, expected {width} like the first "
                 "line; the file is probably truncated"
             )
-        fields = [line[k * FIELD_WIDTH : (k + 1) * FIELD_WIDTH] for k in range(FIELDS)]
-        fields.append(line[FIELDS * FIELD_WIDTH :])
+        fields = [line[k * FIELD_WIDTH : (k + 1) * FIELD_WIDTH] for k in range(ELEMENT_FIELDS)]
+        fields.append(line[ELEMENT_FIELDS * FIELD_WIDTH :])
         values = [_INTEGER.fullmatch(field) for field in fields]
         if any(value is None for value in values):
             raise garbled(path, number, line, "13 integers of 6 columns each and an element id")

@@ -24,7 +24,7 @@ from emgface.face.surface import (
 
 Floats = NDArray[np.float64]
 
-FLAT = 1e-6
+FLAT_EXTENT = 1e-6
 """Relative extent across a line or plane below which points are regarded as lying in it."""
 
 
@@ -114,7 +114,7 @@ def interpolation_weights(points: Floats, sites: Floats) -> tuple[NDArray[np.int
     centre = sites.mean(axis=0)
     _, extent, axes = np.linalg.svd(sites - centre, full_matrices=False)
     size = float(extent[0]) if len(extent) else 0.0
-    dimension = int(np.sum(extent > FLAT * size)) if size > 0 else 0
+    dimension = int(np.sum(extent > FLAT_EXTENT * size)) if size > 0 else 0
     # Sites in a plane or on a line are interpolated there, with points projected onto it.
     flat_sites = (sites - centre) @ axes[:dimension].T
     flat_points = (points - centre) @ axes[:dimension].T

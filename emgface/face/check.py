@@ -21,10 +21,10 @@ from emgface.face.parts import (
 from emgface.face.quality import element_quality, is_wedge
 from emgface.face.surface import boundary_faces, element_edges, face_areas
 
-DENSITY: Final = 1040.0  #: density of the tissue [kg/m3] (Eskes et al. 2017)
+TISSUE_DENSITY: Final = 1040.0  #: density of the tissue [kg/m3] (Eskes et al. 2017)
 
 LAYER_NAMES: Final = ("inner", "centre", "outer")
-MM, MM2, MM3 = 1e3, 1e6, 1e9
+TO_MM, TO_MM2, TO_MM3 = 1e3, 1e6, 1e9
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class FaceReport:
     muscles: pd.DataFrame
 
 
-def face_report(ds: xr.Dataset, *, density: float = DENSITY) -> FaceReport:
+def face_report(ds: xr.Dataset, *, density: float = TISSUE_DENSITY) -> FaceReport:
     """Count and measure a face; lengths in mm, areas in mm2, volumes in mm3, mass in kg.
 
     `density` [kg/m3] determines the mass.
@@ -62,9 +62,9 @@ def face_report(ds: xr.Dataset, *, density: float = DENSITY) -> FaceReport:
     for k, name in enumerate(LAYER_NAMES):
         add(f"hexahedra, {name} layer", int((~wedge & (layer == k)).sum()))
         add(f"wedges, {name} layer", int((wedge & (layer == k)).sum()))
-    add("volume", quality.volume.sum() * MM3, "mm3")
-    add("volume of hexahedra", quality.volume[~wedge].sum() * MM3, "mm3")
-    add("volume of wedges", quality.volume[wedge].sum() * MM3, "mm3")
+    add("volume", quality.volume.sum() * TO_MM3, "mm3")
+    add("volume of hexahedra", quality.volume[~wedge].sum() * TO_MM3, "mm3")
+    add("volume of wedges", quality.volume[wedge].sum() * TO_MM3, "mm3")
     add("mass", quality.volume.sum() * density, "kg")
     add("fixed nodes", int((fixed != FREE).sum()))
     add("fixed to mandible", int((fixed == MANDIBLE).sum()))
@@ -72,8 +72,8 @@ def face_report(ds: xr.Dataset, *, density: float = DENSITY) -> FaceReport:
     add("free nodes", int((fixed == FREE).sum()))
     add("unknowns", 3 * int((fixed == FREE).sum()))
     for axis, low, high in zip("xyz", position.min(axis=0), position.max(axis=0), strict=True):
-        add(f"smallest {axis}", low * MM, "mm")
-        add(f"largest {axis}", high * MM, "mm")
+        add(f"smallest {axis}", low * TO_MM, "mm")
+        add(f"largest {axis}", high * TO_MM, "mm")
     add("inverted elements", int((quality.smallest_det <= 0).sum()))
     for name, chosen in (("hexahedra", ~wedge), ("wedges", wedge)):
         if chosen.any():
@@ -103,7 +103,7 @@ def _quality_rows(
     scaled: NDArray[np.float64],
 ) -> None:
     for label, value in zip(
-        ("smallest", "median", "largest"), np.quantile(volume, [0, 0.5, 1]) * MM3, strict=True
+        ("smallest", "median", "largest"), np.quantile(volume, [0, 0.5, 1]) * TO_MM3, strict=True
     ):
         rows.append((f"{label} volume of {name}", float(value), "mm3"))
     for label, value in zip(
@@ -128,7 +128,7 @@ def _edge_rows(
     for label, value in zip(
         ("smallest", "median", "largest"), np.quantile(length[first], [0, 0.5, 1]), strict=True
     ):
-        rows.append((f"{label} edge length", float(value * MM), "mm"))
+        rows.append((f"{label} edge length", float(value * TO_MM), "mm"))
     longest, shortest = np.zeros(len(connectivity)), np.full(len(connectivity), np.inf)
     np.maximum.at(longest, element, length)
     np.minimum.at(shortest, element, length)
@@ -153,7 +153,7 @@ def _surface_rows(
         rims &= ~mine
         area = face_areas(position, faces[mine]).sum()
         rows.append((f"{name} boundary faces", float(mine.sum()), "1"))
-        rows.append((f"{name} area", float(area * MM2), "mm2"))
+        rows.append((f"{name} area", float(area * TO_MM2), "mm2"))
     rows.append(("rim boundary faces", float(rims.sum()), "1"))
 
 
@@ -184,7 +184,7 @@ def _muscle_table(
             "hexahedra": int((~wedge[mine]).sum()),
             "wedges": int(wedge[mine].sum()),
             **{label: int((layer[mine] == k).sum()) for k, label in enumerate(LAYER_NAMES)},
-            "volume": float((volume[mine] * shares_of(ds, name)).sum() * MM3),
+            "volume": float((volume[mine] * shares_of(ds, name)).sum() * TO_MM3),
             "shared": len(shared),
         }
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("muscle")

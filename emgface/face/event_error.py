@@ -24,7 +24,7 @@ from sim.pattern import Flags
 from sim.probes import Variable
 from sim.state import Control, State, StepReport
 
-FACTOR: Final = 1.5
+ESTIMATE_FACTOR: Final = 1.5
 """Factor on the accumulated estimates of the steps.
 
 Without it, errors that events at edges enlarge exceed the estimate more often (docs/accuracy.md).
@@ -47,7 +47,7 @@ their whole motion. The number was tested on other drives than these 20. Surface
 not yet moved past each other.
 """
 
-MARGIN: Final = 2.0
+REPETITION_MARGIN: Final = 2.0
 """Error relative to the largest distance from the repetition so far.
 
 Either motion may have passed an edge on the wrong side, and one repetition does not find every event.
@@ -61,7 +61,7 @@ ITERATED: Final = 5e-5
 """Largest tolerance of the iteration [m] to which the repetition increases it, tenfold at most."""
 BY_ASSUMPTION, BY_REPETITION, BY_STEPS = 0, 1, 2  #: values of ``event_error_measured``
 ERRORS: Final = ("contact_error", "contact_passing_error")  #: of `sim.StepErrors`
-FORCE, TOUCHING = "force_of_contact", "steps_with_contact"
+CONTACT_FORCE, TOUCHING = "force_of_contact", "steps_with_contact"
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ class ContactForce:
     """
 
     def variables(self) -> tuple[Variable, ...]:
-        """Variables `FORCE` and `TOUCHING`."""
-        return (Variable(FORCE, "N"), Variable(TOUCHING, "1"))
+        """Variables `CONTACT_FORCE` and `TOUCHING`."""
+        return (Variable(CONTACT_FORCE, "N"), Variable(TOUCHING, "1"))
 
     def record(
         self, system: System, state: State, control: Control, report: StepReport | None
@@ -102,20 +102,21 @@ def event_error(
 
     `motion` contains ``position(marker, axis, time)`` [m] and, if surfaces may touch, the variables of
     `ContactForce` and the `ERRORS` (marker, axis, time) [m] of `sim.StepErrors`. `again` repeats it
-    with other time steps; the error is `MARGIN` times the largest distance of a marker between both
-    motions so far, and its run time is added to ``run_time_s`` of the motion. If it is None or fails,
-    the error is `FACTOR` times the largest length so far of the errors of the steps, accumulated with
-    a `memory` [s] as in `emgface.face.numerical_error`. If the integrator does not estimate them, it is
-    `ASSUMED_SHARE` of the largest displacement of a marker since the first contact, and at most
-    `ASSUMED`. The second result contains the attributes of a motion with contact.
+    with other time steps; the error is `REPETITION_MARGIN` times the largest distance of a marker
+    between both motions so far, and its run time is added to ``run_time_s`` of the motion. If it is
+    None or fails, the error is `ESTIMATE_FACTOR` times the largest length so far of the errors of
+    the steps, accumulated with a `memory` [s] as in `emgface.face.numerical_error`. If the
+    integrator does not estimate them, it is `ASSUMED_SHARE` of the largest displacement of a marker
+    since the first contact, and at most `ASSUMED`. The second result contains the attributes of a
+    motion with contact.
     """
     none = xr.zeros_like(motion["time"])
-    force, steps = (motion.get(name, none).values for name in (FORCE, TOUCHING))
+    force, steps = (motion.get(name, none).values for name in (CONTACT_FORCE, TOUCHING))
     touching = touched(force, steps)
     attrs = dict[str, float | str]()
     if touching.any() and ERRORS[0] in motion and bool(motion[ERRORS[0]].notnull().all()):
         lasting, passing = (motion[name] for name in ERRORS)
-        values, kind = FACTOR * estimated(lasting, passing, memory), BY_STEPS
+        values, kind = ESTIMATE_FACTOR * estimated(lasting, passing, memory), BY_STEPS
     else:
         values, kind = assumed(motion["position"], touching), BY_ASSUMPTION
     if touching.any():
@@ -128,7 +129,7 @@ def event_error(
         else:
             apart = other["position"].assign_coords(time=motion["time"]) - motion["position"]
             distance = ((apart**2).sum("axis").max("marker") ** 0.5).values
-            values = MARGIN * np.maximum.accumulate(distance)
+            values = REPETITION_MARGIN * np.maximum.accumulate(distance)
             motion.attrs["run_time_s"] += other.attrs["run_time_s"]
             attrs["event_error_measured"] = BY_REPETITION
     if attrs:
@@ -176,7 +177,8 @@ def contact_statement(solver: str, *, repeated: bool) -> str:
         return (
             "From the first contact, the estimated error includes the displacement by the change of "
             "the normals and closest points of the contacts within each step, multiplied by "
-            f"{FACTOR:g}, but not the distance between motions that pass an edge on different sides"
+            f"{ESTIMATE_FACTOR:g}, but not the distance between motions that pass an edge on "
+            "different sides"
         )
     return (
         f"From the first contact, the estimated error includes {100 * ASSUMED_SHARE:g} % of the "

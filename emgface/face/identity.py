@@ -14,8 +14,8 @@ import xarray as xr
 from emgface.errors import DataError, FaceError
 from emgface.run.digest import dataset_digest
 
-NAME, DIGEST = "face", "face_digest"  #: attributes of a result
-SHOWN: Final = 8  #: digits of a digest in a message
+FACE_ATTRIBUTE, DIGEST = "face", "face_digest"  #: attributes of a result
+SHOWN_DIGITS: Final = 8  #: digits of a digest in a message
 TREATMENT, PARENT = "treatment", "parent"  #: attributes of a treated model
 TREATED: Final = "simulated treatment"  #: in the name of a treated face, and of its results
 APPLIED_TO: Final = "applied_to"  #: digest, in an entry of `TREATMENT`, of the model before it
@@ -25,12 +25,12 @@ Entry = dict[str, Any]
 
 def is_treated(result: Mapping[str, Any]) -> bool:
     """Return True if attributes are those of a treated model, or of a result of a treated face."""
-    return TREATMENT in result or TREATED in str(result.get(NAME, ""))
+    return TREATMENT in result or TREATED in str(result.get(FACE_ATTRIBUTE, ""))
 
 
 def belongs(result: xr.Dataset, face: xr.Dataset) -> xr.Dataset:
     """Store name and digest of the face from which a result was computed, and return the result."""
-    result.attrs |= {NAME: str(face.attrs.get("name", "")), DIGEST: dataset_digest(face)}
+    result.attrs |= {FACE_ATTRIBUTE: str(face.attrs.get("name", "")), DIGEST: dataset_digest(face)}
     return result
 
 
@@ -39,9 +39,9 @@ def require_face(result: Mapping[str, Any], face: xr.Dataset, what: str) -> None
     digest = str(result.get(DIGEST, ""))
     if digest and digest != (here := dataset_digest(face)):
         raise FaceError(
-            f"the {what} belongs to the face {str(result.get(NAME, ''))!r} with digest "
-            f"{digest[:SHOWN]}, found the face {str(face.attrs.get('name', ''))!r} with digest "
-            f"{here[:SHOWN]}: pass the {what} of this face, or omit it"
+            f"the {what} belongs to the face {str(result.get(FACE_ATTRIBUTE, ''))!r} with digest "
+            f"{digest[:SHOWN_DIGITS]}, found the face {str(face.attrs.get('name', ''))!r} with digest "
+            f"{here[:SHOWN_DIGITS]}: pass the {what} of this face, or omit it"
         )
 
 
@@ -75,7 +75,7 @@ def treatments(model: xr.Dataset) -> list[Entry]:
 def told_treatment(entry: Entry) -> str:
     """Words of a treatment: its plan, and the model to which it was applied."""
     plan, before = entry["plan"], str(entry.get(APPLIED_TO, ""))
-    model = f"the model with digest {before[:SHOWN]}" if before else "the model before it"
+    model = f"the model with digest {before[:SHOWN_DIGITS]}" if before else "the model before it"
     return f"the plan {str(plan.get('name', ''))!r}, applied to {model}"
 
 
@@ -110,7 +110,7 @@ def treatments_between(before: xr.Dataset, after: xr.Dataset) -> list[Entry]:
     names = [repr(str(m.attrs.get("name", ""))) for m in (before, after)]
     swapped = there in [e.get(APPLIED_TO) for e in treatments(before)]
     raise DataError(
-        f"{names[1]} ({there[:SHOWN]}) is not a treatment of {names[0]} ({here[:SHOWN]}), expected "
-        "a model that 'emgface treat' has written from it"
+        f"{names[1]} ({there[:SHOWN_DIGITS]}) is not a treatment of {names[0]} "
+        f"({here[:SHOWN_DIGITS]}), expected a model that 'emgface treat' has written from it"
         + (": it is the model before that treatment, exchange both" if swapped else "")
     )

@@ -23,7 +23,7 @@ INTEGRATORS: dict[str, Integrator] = {
 }
 """Integrator by the name of the parameter `solver`."""
 
-RESIDUAL: Final = 100.0
+RESIDUAL_PER_TOLERANCE: Final = 100.0
 """Residual force per tolerance of the positions [N/m], a tenth of the stiffness of a wall.
 
 Tissue is softer, so that the estimated error of the positions ends its iteration.
@@ -32,7 +32,9 @@ Tissue is softer, so that the estimated error of the positions ends its iteratio
 
 def iterated_to(integrator: ConvergedT, tolerance: float) -> ConvergedT:
     """Return the integrator iterated to this error of a nodal position [m] and its residual."""
-    return replace(integrator, tolerance=tolerance, residual_tolerance=RESIDUAL * tolerance)
+    return replace(
+        integrator, tolerance=tolerance, residual_tolerance=RESIDUAL_PER_TOLERANCE * tolerance
+    )
 
 
 def integrator_of(parameters: SimulationParameters) -> Integrator:

@@ -16,7 +16,8 @@ from emgface.muscles import LIP_MARKERS
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-SAMPLES = 201  #: number of positions across the mouth at which the gap between the lips is measured
+#: number of positions across the mouth at which the gap between the lips is measured
+GAP_POSITIONS = 201
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,18 +103,18 @@ def _walk(start: int, neighbours: dict[int, list[int]]) -> Integers:
         loop.append(here)
 
 
-UP: Final = (0.0, 0.0, 1.0)
+UP_DIRECTION: Final = (0.0, 0.0, 1.0)
 """Direction from the lower to the upper lip: the z axis of every face model is superior."""
 
 
 def lip_opening(face: xr.Dataset, position: Floats) -> float:
     """Height of the margin of the upper lip above that of the lower in the midline [m].
 
-    It is measured along `UP` and negative if the margins have passed each other; ``lip_opening`` of
-    a trajectory is the same quantity.
+    It is measured along `UP_DIRECTION` and negative if the margins have passed each other;
+    ``lip_opening`` of a trajectory is the same quantity.
     """
     top, bottom = (int(node) for node in face["lip_opening_node"].values)
-    return float((position[top] - position[bottom]) @ np.array(UP))
+    return float((position[top] - position[bottom]) @ np.array(UP_DIRECTION))
 
 
 def lip_shape(face: xr.Dataset, rim: LipRim, position: Floats) -> dict[str, float]:
@@ -129,9 +130,9 @@ def lip_shape(face: xr.Dataset, rim: LipRim, position: Floats) -> dict[str, floa
     upper, lower = position[rim.upper], position[rim.lower]
     ends = np.array([upper[0, 0], upper[-1, 0]])
     low, high = float(ends.min()), float(ends.max())
-    x = np.linspace(low, high, SAMPLES)
+    x = np.linspace(low, high, GAP_POSITIONS)
     gap = _height(upper, x) - _height(lower, x)
-    step = (high - low) / (SAMPLES - 1)
+    step = (high - low) / (GAP_POSITIONS - 1)
     node = face["marker_node"].values
     paramedian = [node[k] for k, name in enumerate(LIP_MARKERS) if "paramedian" in name]
     forward = (position - face["position"].values)[:, 1]

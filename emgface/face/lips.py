@@ -21,7 +21,8 @@ from emgface.face.surface import boundary_faces, element_faces, faces_among, tri
 
 Integers = NDArray[np.int64]
 
-DEPTH: Final = 14e-3  #: default extent of the surface of a lip along the skin from its margin [m]
+#: default extent of the surface of a lip along the skin from its margin [m]
+LIP_EXTENT: Final = 14e-3
 NEAR_TEETH: Final = 15e-3  #: distance from a point of an arch below which facets may touch it [m]
 
 
@@ -29,7 +30,7 @@ def lip_surface(face: xr.Dataset, lip: str) -> Integers:
     """Closed surface of the "upper" or "lower" lip: nodes (m, 3), counter-clockwise from outside.
 
     A part of it passes through the tissue and closes the surface (`exposed`). If the face contains
-    no surface, that of the elements beneath the facets of the skin within `DEPTH` of the margin is
+    no surface, that of the elements beneath the facets of the skin within `LIP_EXTENT` of the margin is
     used, counted in rings of facets around the mouth, with no more rings from the margin than
     facets from the corner, so that the lips share no nodes. Raises FaceError if the lip is unknown,
     the face has no mouth, or the surface is not closed.
@@ -155,7 +156,7 @@ def _lip_columns(face: xr.Dataset, lip: str) -> Integers:
     tree = KDTree(margins)
     while ring:
         reach = tree.query(position[faces[ring]].mean(axis=1))[0]
-        if float(np.median(reach)) > DEPTH:
+        if float(np.median(reach)) > LIP_EXTENT:
             break
         facets += [facet for facet in ring if place[facet][0] == lip and place[facet][1] > level]
         further: list[int] = []

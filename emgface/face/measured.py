@@ -1,7 +1,6 @@
 """Measured lip positions during a simulation."""
 
 import warnings
-from typing import Final
 
 import numpy as np
 import xarray as xr
@@ -10,7 +9,7 @@ from analysis.noise import marker_noise, unit_noise
 from analysis.trajectory import measured_span
 from emgface.errors import FeatureWarning, MarkerError, UnitsError, listed
 from emgface.muscles import LIP_MARKERS
-from emgface.recordings.head import in_head_frame
+from emgface.recordings.head import LARGEST_RATIO, in_head_frame
 from emgface.signals.doubtful import little_in_common
 from emgface.signals.parameters import HeadFrameParameters
 from emgface.signals.resampling import resample
@@ -88,10 +87,6 @@ def measured_during(
         },
         attrs=attrs,
     )
-
-
-LARGEST_RATIO: Final = 2.0
-"""Largest ratio of the sizes of the lips of a motion and of its face, about their centres."""
 
 
 def check_motion(motion: xr.Dataset, face: xr.Dataset) -> None:

@@ -19,7 +19,7 @@ from emgface.anatomy.mesh_model import (
     stacked,
 )
 from emgface.errors import FaceError
-from emgface.face.parts import FRAME, LIPS, Arch, Bundle, Fibre, Floats, Integers
+from emgface.face.parts import FACE_FRAME, LIPS, Arch, Bundle, Fibre, Floats, Integers
 from emgface.face.validity import check_face
 from emgface.muscles import AXES, FACE_MARKERS, LIP_MARKERS, MUSCLES
 from emgface.schema.validation import declared_variables
@@ -84,7 +84,7 @@ def build_face(
         **_rigid(arches),
         **_lips(lips),
     )
-    described = {"name": name, "origin": origin, "source": source, "frame": FRAME}
+    described = {"name": name, "origin": origin, "source": source, "frame": FACE_FRAME}
     described |= {"schema": "face_model", "schema_version": 1}
     return check_face(xr.Dataset(variables, attrs={**described, **(attrs or {})}))
 

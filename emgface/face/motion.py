@@ -14,8 +14,8 @@ from emgface.face.accuracy import SET_BY_ACCURACY
 from emgface.face.contact import touching
 from emgface.face.control import control_of, seconds
 from emgface.face.event_error import (
+    CONTACT_FORCE,
     ERRORS,
-    FORCE,
     TOUCHING,
     ContactForce,
     event_error,
@@ -23,7 +23,7 @@ from emgface.face.event_error import (
 )
 from emgface.face.identity import belongs, require_face
 from emgface.face.integration import integrator_of, steps_of
-from emgface.face.lip_shape import UP, has_mouth
+from emgface.face.lip_shape import UP_DIRECTION, has_mouth
 from emgface.face.mouth import Mouth
 from emgface.face.muscle_force import MuscleForces
 from emgface.face.numerical_error import largest_motion, numerical_error
@@ -57,7 +57,7 @@ NOT_OF_STILLNESS: Final[dict[str, Any]] = dict.fromkeys(
     ("linear_solver", "alpha", "beta", "damping_tangent", "stiffening", "line_force"), True
 )
 """Further ones that act on moving or active tissue only; they distinguish stored equilibria."""
-REST: Final = "rest_parameters"  #: attribute of an equilibrium with its parameters (JSON)
+REST_ATTRIBUTE: Final = "rest_parameters"  #: attribute of an equilibrium with its parameters (JSON)
 
 
 def load_kernels(face: xr.Dataset, parameters: SimulationParameters) -> None:
@@ -101,7 +101,7 @@ def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Datase
             "largest_speed": speed,
             "largest_displacement": float(moved),
             "origin": "simulated",
-            REST: canonical_json(_of_rest(parameters)),
+            REST_ATTRIBUTE: canonical_json(_of_rest(parameters)),
         },
     )
     return belongs(at_rest, face)
@@ -131,7 +131,7 @@ def require_rest(settled: xr.Dataset, face: xr.Dataset, parameters: SimulationPa
             "equilibrium, expected node_position: pass the result of `settle_face`, or omit it"
         )
     require_face(settled.attrs, face, "equilibrium")
-    text = settled.attrs.get(REST)
+    text = settled.attrs.get(REST_ATTRIBUTE)
     if text is None:
         return
     own, used = (_leaves(json.loads(t)) for t in (str(text), canonical_json(_of_rest(parameters))))
@@ -300,9 +300,9 @@ def simulate_face(
     step, *others = (trajectory[kind] for kind in kinds)
     of_steps = numerical_error(step, parameters.beta, *others)
     error = (of_steps + of_contact).assign_attrs(units="m")
-    if forces and FORCE in trajectory:
-        trajectory = trajectory.assign(contact_force=trajectory[FORCE])
-    recorded = [*kinds, *ERRORS, FORCE, TOUCHING]
+    if forces and CONTACT_FORCE in trajectory:
+        trajectory = trajectory.assign(contact_force=trajectory[CONTACT_FORCE])
+    recorded = [*kinds, *ERRORS, CONTACT_FORCE, TOUCHING]
     trajectory = trajectory.drop_vars(recorded, errors="ignore")
     trajectory = trajectory.assign(numerical_error=error)
     trajectory.attrs |= error_attrs
@@ -360,7 +360,7 @@ def _probes(face: xr.Dataset) -> tuple[Probe, ...]:
     probes: list[Probe] = [sim.Markers(nodes, names)]
     if "lip_opening_node" in face:
         upper, lower = (int(node) for node in face["lip_opening_node"].values)
-        probes.append(sim.Opening(upper, lower, UP))
+        probes.append(sim.Opening(upper, lower, UP_DIRECTION))
     if has_mouth(face):
         probes.append(Mouth.from_face(face))
     return (

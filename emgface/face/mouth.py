@@ -17,16 +17,17 @@ from sim.state import Control
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-NEAR: Final = 14e-3
+LIP_WIDTH: Final = 14e-3
 """Distance from a margin within which a part of the surface at rest belongs to the lip [m]."""
-SAMPLES: Final = 101  #: number of positions across the mouth at which the opening is measured
+#: number of positions across the mouth at which the opening is measured
+OPENING_POSITIONS: Final = 101
 
 
 @dataclass(frozen=True, eq=False)
 class Mouth:
     """Surfaces of the lips of a face, between which air passes; also a probe of the opening."""
 
-    #: (n, 2) edges of the surface: outer skin, red and lining within `NEAR` of its margin
+    #: (n, 2) edges of the surface: outer skin, red and lining within `LIP_WIDTH` of its margin
     upper: Integers
     lower: Integers  #: (n, 2) edges, likewise
     corners: Integers  #: (2,) nodes of the corners of the opening
@@ -48,8 +49,8 @@ class Mouth:
         )
         margins = np.asarray(face["lip_opening_node"].values, np.int64)
         return cls(
-            _edges(surface[(above < NEAR) & (above < below)]),
-            _edges(surface[(below < NEAR) & (below < above)]),
+            _edges(surface[(above < LIP_WIDTH) & (above < below)]),
+            _edges(surface[(below < LIP_WIDTH) & (below < above)]),
             rim.upper[[0, -1]],
             margins,
             position[margins],
@@ -64,10 +65,10 @@ class Mouth:
         the mean anterior displacement of both margins in the midline from the geometry of the face.
         """
         ends = position[self.corners, 0]
-        x = np.linspace(ends.min(), ends.max(), SAMPLES)
+        x = np.linspace(ends.min(), ends.max(), OPENING_POSITIONS)
         gap = -_highest(position, self.upper, x, -1.0) - _highest(position, self.lower, x, 1.0)
         gap = np.where(np.isfinite(gap), np.maximum(gap, 0.0), 0.0)
-        area = float(gap.sum() * np.ptp(ends) / (SAMPLES - 1))
+        area = float(gap.sum() * np.ptp(ends) / (OPENING_POSITIONS - 1))
         return area, float((position[self.margins] - self.rest)[:, 1].mean())
 
     def variables(self) -> tuple[Variable, ...]:

@@ -17,7 +17,7 @@ from sim.state import Control, Outputs
 
 Floats = NDArray[np.float64]
 
-FORCE: Final = "muscle_force"
+MUSCLE_FORCE: Final = "muscle_force"
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ class MuscleForces:
 
     def variables(self) -> tuple[Variable, ...]:
         """Describe the recorded variable."""
-        return (Variable(FORCE, "N", ("muscle",), {"muscle": self.muscles}),)
+        return (Variable(MUSCLE_FORCE, "N", ("muscle",), {"muscle": self.muscles}),)
 
     def record(
         self, system: System, state: State, control: Control, report: StepReport | None

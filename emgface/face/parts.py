@@ -12,7 +12,7 @@ from emgface.errors import DataError
 Floats = NDArray[np.float64]
 Integers = NDArray[np.integer]
 
-FRAME: Final = "x lateral (+x is the subject's right), y anterior, z superior; metres"
+FACE_FRAME: Final = "x lateral (+x is the subject's right), y anterior, z superior; metres"
 FREE, MANDIBLE, SKULL = 0, 1, 2  #: values of `fixed`
 INNER, CENTRE, OUTER = 0, 1, 2  #: values of `layer`
 LIPS: Final = ("upper", "lower")

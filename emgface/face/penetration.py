@@ -13,8 +13,8 @@ from emgface.face.surface import nearest_on_triangles, winding_number
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-MIDDLE: Final = 6e-3  #: half width of the middle part of the mouth [m]
-BAND: Final = 2e-3
+MOUTH_MIDDLE: Final = 6e-3  #: half width of the middle part of the mouth [m]
+STRIP_HALF_WIDTH: Final = 2e-3
 """Half width of the strip of nodes that represents a position across the mouth [m]."""
 
 
@@ -60,18 +60,18 @@ class Penetration:
         return max((float(deeper.max(initial=0.0)) for deeper in increase), default=0.0)
 
     def gap(self, q: Floats) -> float:
-        """Largest gap between the lips within `MIDDLE` of the midline, for positions q [m].
+        """Largest gap between the lips within `MOUTH_MIDDLE` of the midline, for positions q [m].
 
         For each position from left to right the gap is the smallest distance from a node of the
         upper lip to the surface of the lower lip, and 0 for nodes inside it.
         """
         corners = q[self._lips[1][self._shown[1]]]
         nodes = np.setdiff1d(self._lips[0][self._shown[0]], self._lips[1])
-        nodes = nodes[np.abs(q[nodes, 0]) < MIDDLE + BAND]
+        nodes = nodes[np.abs(q[nodes, 0]) < MOUTH_MIDDLE + STRIP_HALF_WIDTH]
         away = np.array([np.linalg.norm(nearest_on_triangles(p, corners)[0] - p) for p in q[nodes]])
         away[depths(q[nodes], q[self._lips[1]]) > 0.0] = 0.0
-        places = np.linspace(-MIDDLE, MIDDLE, 9)
-        near = np.abs(q[nodes, 0] - places[:, None]) < BAND
+        places = np.linspace(-MOUTH_MIDDLE, MOUTH_MIDDLE, 9)
+        near = np.abs(q[nodes, 0] - places[:, None]) < STRIP_HALF_WIDTH
         return max(float(away[row].min(initial=np.inf)) for row in near if row.any())
 
     def at_rest(self) -> dict[str, tuple[int, float]]:

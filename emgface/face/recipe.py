@@ -28,7 +28,11 @@ GRAVITY = (0.0, 0.0, -9.8)  #: acceleration [m/s^2] (Eskes et al. 2017)
 EMBEDDING_TOLERANCE = 0.02
 """Tolerance for fibre points outside an element, as a negative shape function [1]."""
 
-DAMPING = {"current": sim.Rayleigh, "passive": sim.PassiveRayleigh, "rest": sim.RestRayleigh}
+DAMPING_BY_STIFFNESS = {
+    "current": sim.Rayleigh,
+    "passive": sim.PassiveRayleigh,
+    "rest": sim.RestRayleigh,
+}
 """Damping law by its stiffness."""
 
 
@@ -87,7 +91,9 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> sim.Sce
     terms.extend(contact_terms(face, p))
     if p.gravity:
         terms.append(Gravity(GRAVITY))
-    damping = DAMPING[p.damping_tangent](p.alpha, p.beta) if p.alpha or p.beta else None
+    damping = (
+        DAMPING_BY_STIFFNESS[p.damping_tangent](p.alpha, p.beta) if p.alpha or p.beta else None
+    )
     fixed = np.flatnonzero(face["fixed"].values)
     return sim.Scene(
         mesh=_mesh(face, p),

@@ -17,7 +17,7 @@ from sim.elements import HEX8
 
 Floats = NDArray[np.float64]
 
-SPACING: Final = 1e-3  #: desired distance between the sampling points in an element [m]
+SAMPLING_DISTANCE: Final = 1e-3  #: desired distance between the sampling points in an element [m]
 _MOST: Final = 10  #: largest number of sampling points along an edge
 
 
@@ -27,7 +27,7 @@ def shares_within(
     fibres: Sequence[Floats],
     radius: float,
     *,
-    spacing: float = SPACING,
+    spacing: float = SAMPLING_DISTANCE,
 ) -> Floats:
     """Fraction (elements,) of the volume of each hexahedron within a radius [m] of a fibre.
 

@@ -12,7 +12,7 @@ import xarray as xr
 from emgface.face.simulation_parameters import SimulationParameters
 from sim.errors import InvertedElement, NotConverged
 
-WEAKER: Final = (InvertedElement, NotConverged)  #: failures that weaker muscles avoid
+AVOIDED_BY_WEAKER: Final = (InvertedElement, NotConverged)  #: failures that weaker muscles avoid
 
 
 def lowered(parameters: SimulationParameters) -> SimulationParameters | None:
@@ -46,7 +46,7 @@ def lower_sigma_max(
         sigma_max = present.sigma_max
         try:
             trajectory = simulate(present)
-        except WEAKER as error:
+        except AVOIDED_BY_WEAKER as error:
             failure = f"{type(error).__name__} at sigma_max = {sigma_max / 1e3:.4g} kPa"
             if notes := getattr(error, "__notes__", []):
                 failure += f" ({'; '.join(notes)})"

@@ -2,7 +2,7 @@
 
 from pydantic import Field, model_validator
 
-from emgface.choices import ESKES, OWN, STAVNESS, choice, configure, parameter
+from emgface.choices import ESKES, STAVNESS, THIS_PACKAGE, choice, configure, parameter
 from emgface.face.accuracy import SET_BY_ACCURACY
 from emgface.face.contact_parameters import ContactParameters
 from emgface.face.muscle_parameters import MuscleParameters, SigmaMaxPolicy
@@ -26,7 +26,7 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
         0.0,
         "Stiffness of a frictionless wall behind every free node of the inner surface; 0 is no wall.",
         unit="N/m",
-        source=f"{STAVNESS}, Teeth support lip protrusion; the form is of {OWN}",
+        source=f"{STAVNESS}, Teeth support lip protrusion; the form is of {THIS_PACKAGE}",
         note="represents the teeth and bone behind the lips",
         ge=0,
     )
@@ -38,7 +38,7 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
         "Repeat every motion with contact with other time steps, and add twice the largest distance of "
         "a marker between both to its estimated error; otherwise every step estimates its own error of "
         "contact.",
-        source=f"{OWN}: `python -m benchmarks error_coverage --contact`",
+        source=f"{THIS_PACKAGE}: `python -m benchmarks error_coverage --contact`",
         note="takes about twice as long; no effect where nothing touches",
     )
     gravity: bool = choice(

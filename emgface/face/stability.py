@@ -9,7 +9,7 @@ import xarray as xr
 
 from sim import SimulationError, State, System
 
-MOVED: Final = 1e-14  #: perturbation of the start that represents rounding [m]
+ROUNDING_PERTURBATION: Final = 1e-14  #: perturbation of the start that represents rounding [m]
 
 NOTICED: Final = 1e-5
 """Change of a marker above which a warning is given [m]: the tolerance of the iteration, a tenth
@@ -26,7 +26,7 @@ def rounding_sensitivity(
     """
     q = start.q.copy()
     signs = np.random.default_rng(0).choice([-1.0, 1.0], size=len(system.free))
-    q.reshape(-1)[system.free] += MOVED * signs
+    q.reshape(-1)[system.free] += ROUNDING_PERTURBATION * signs
     try:
         other = again(replace(start, q=q))
     except SimulationError:

@@ -4,8 +4,8 @@ from typing import Any, Literal
 
 from pydantic import model_validator
 
-from emgface.choices import ESKES, OWN, Parameters, choice, parameter, positive
-from emgface.face.accuracy import PRESETS, accuracy_settings
+from emgface.choices import ESKES, THIS_PACKAGE, Parameters, choice, parameter, positive
+from emgface.face.accuracy import ACCURACY_PRESETS, accuracy_settings
 
 
 class TimeStepping(Parameters):
@@ -17,7 +17,7 @@ class TimeStepping(Parameters):
         "full order), or the desired error, such as '0.1 mm'; determines solver, step, "
         "iteration_tolerance and error_tolerance, unless "
         "these are specified.",
-        source=f"{OWN}: points measured by `python -m benchmarks work_precision`",
+        source=f"{THIS_PACKAGE}: points measured by `python -m benchmarks work_precision`",
         note="the default is 'study'",
     )
     solver: Literal[
@@ -87,7 +87,9 @@ class TimeStepping(Parameters):
         if data.get("accuracy") is not None:
             wanted = str(data["accuracy"])
             settings = accuracy_settings(wanted)
-            if wanted in PRESETS and str(data.get("solver")).startswith("linearly_implicit"):
+            if wanted in ACCURACY_PRESETS and str(data.get("solver")).startswith(
+                "linearly_implicit"
+            ):
                 settings["error_tolerance"] = None  # a specified solver, without error control
             return settings | data
         return {"error_tolerance": None} | data if "solver" in data else data

@@ -21,13 +21,13 @@ from sim import CoRotational, LinearElastic, Material, Prony, SceneError
 from sim.laws import ISOCHORIC_LAWS, TENSOR_LAWS, BulkLaw, IsochoricLaw, TensorLaw
 from sim.laws.parameters import units
 
-LAWS: dict[str, Any] = {
+TISSUE_LAWS: dict[str, Any] = {
     re.sub(r"(?<!^)(?=[A-Z])", "_", law.__name__).lower().removesuffix("_elastic"): law
     for law in (*ISOCHORIC_LAWS, *TENSOR_LAWS)
 }
 """Laws of passive tissue, by their name in a study file, such as "neo_hooke" and "linear"."""
 
-LAYERS = {"inner": INNER, "centre": CENTRE, "outer": OUTER}
+NODES_BY_LAYER = {"inner": INNER, "centre": CENTRE, "outer": OUTER}
 
 Coefficient = float | tuple[float, ...]
 
@@ -44,8 +44,8 @@ class Tissue(Parameters):
     elements: tuple[int, ...] = choice((), "Ids of elements of the face model; empty: all.")
     law: Annotated[
         str,
-        AfterValidator(lambda name: require_name("law", name, LAWS)),
-        WithJsonSchema(names_schema(LAWS)),
+        AfterValidator(lambda name: require_name("law", name, TISSUE_LAWS)),
+        WithJsonSchema(names_schema(TISSUE_LAWS)),
     ] = choice(
         "mooney_rivlin",
         "Law of the passive tissue.",
@@ -157,7 +157,7 @@ class Tissue(Parameters):
         """
         chosen = np.ones(face.sizes["element"], dtype=bool)
         if self.layers:
-            chosen &= np.isin(face["layer"].values, [LAYERS[name] for name in self.layers])
+            chosen &= np.isin(face["layer"].values, [NODES_BY_LAYER[name] for name in self.layers])
         if self.muscles:
             rows = np.isin(face["muscle"].values[face["bundle_muscle"].values], self.muscles)
             inside = np.zeros_like(chosen)
@@ -187,14 +187,16 @@ def law_named(name: str) -> Any:
     Raises ConfigurationError if that of another package is no dataclass of quantities with a law of
     `sim` as its base, whose element loop computes it.
     """
-    if name in LAWS:
-        return LAWS[name]
+    if name in TISSUE_LAWS:
+        return TISSUE_LAWS[name]
     plugin = plugins("law")[name]
     law = plugin.load()
-    if not (isinstance(law, type) and is_dataclass(law) and issubclass(law, tuple(LAWS.values()))):
+    if not (
+        isinstance(law, type) and is_dataclass(law) and issubclass(law, tuple(TISSUE_LAWS.values()))
+    ):
         raise ConfigurationError(
             f"the law '{name}' of {plugin.packages} is {law!r}, expected a dataclass with a law of sim "
-            f"as its base ({', '.join(one.__name__ for one in LAWS.values())}): use another law"
+            f"as its base ({', '.join(one.__name__ for one in TISSUE_LAWS.values())}): use another law"
         )
     return law
 

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from emgface.choices import ESKES, OWN, STAVNESS, Parameters, choice, parameter, positive
+from emgface.choices import ESKES, STAVNESS, THIS_PACKAGE, Parameters, choice, parameter, positive
 from emgface.face.tissue import Tissue
 
 
@@ -86,7 +86,7 @@ class TissueParameters(Parameters):
         "rest",
         "Stiffness multiplied by beta: at the current positions and activation, at the "
         "current positions without activation, or at rest.",
-        source=f"the published simulator uses 'current'; default of {OWN}",
+        source=f"the published simulator uses 'current'; default of {THIS_PACKAGE}",
         note="with active muscles, the damping of the current tangent can be negative, and the "
         "potential of a step then has no minimum",
     )

@@ -17,7 +17,7 @@ import xarray as xr
 
 from emgface.anatomy.jaw.model import check_jaw
 from emgface.errors import FitError, listed
-from emgface.fit.deform import NOISE
+from emgface.fit.deform import LANDMARK_NOISE
 from emgface.fit.inputs import Matched, facing, frame_of_inputs, in_face_frame, match, provenance
 from emgface.fit.person import Given, Marks, scan_of
 from emgface.fit.places import left_landmarks
@@ -27,11 +27,10 @@ from emgface.fit.registration import SmoothMap, closest_points, smooth_map
 from emgface.fit.similarity import Similarity
 from emgface.fit.triangulated import Floats, Surface
 
-MISSES: Final = (
-    1.5e-3  #: largest mean distance of a fitted bone from its surface that is accepted [m]
-)
+#: largest mean distance of a fitted bone from its surface that is accepted [m]
+LARGEST_BONE_MISS: Final = 1.5e-3
 UNMOVED: Final = Similarity(1.0, np.eye(3), np.zeros(3))
-POINTS: Final = (
+POINT_VARIABLES: Final = (
     "point_position", "muscle_position", "spring_position", "joint_origin", "surface_position",
     "body_damped_at",
 )  # fmt: skip
@@ -59,7 +58,7 @@ def fit_jaw(
     unit: str | None = None,
     on_jaw: Marks | None = None,
     frame: xr.Dataset | None = None,
-    noise: float = NOISE,
+    noise: float = LANDMARK_NOISE,
     name: str = "fitted jaw",
     simulated: bool = False,
 ) -> FittedBones:
@@ -160,7 +159,7 @@ def _of_largest(own: Mapping[str, Surface], targets: Mapping[str, Surface]) -> S
 def moved_jaw(jaw: xr.Dataset, moved: SmoothMap) -> xr.Dataset:
     """Jaw whose points follow a map, with the axes, lengths, masses and inertias that belong to it."""
     result = jaw.copy(deep=True)
-    for name in POINTS:
+    for name in POINT_VARIABLES:
         if name in jaw:
             values = jaw[name].values
             result[name].values[:] = moved(values.reshape(-1, 3)).reshape(values.shape)
@@ -254,11 +253,11 @@ def _distances(
 
 def _check(distance: pd.DataFrame, scans: Mapping[str, Scan]) -> None:
     for row in distance[distance["stage"] == "fitted"].to_dict("records"):
-        if not row["mean"] <= 1e3 * MISSES:
+        if not row["mean"] <= 1e3 * LARGEST_BONE_MISS:
             raise FitError(
                 f"the fitted {row['body']} misses {scans[row['body']].source} by {row['mean']:.3g} mm "
-                f"in the mean, expected at most {1e3 * MISSES:.3g} mm: check the unit, frame and "
-                "bone, or give landmarks"
+                f"in the mean, expected at most {1e3 * LARGEST_BONE_MISS:.3g} mm: check the unit, "
+                "frame and bone, or give landmarks"
             )
 
 

@@ -22,12 +22,11 @@ from emgface.fit.targets import Sheet
 from emgface.fit.triangulated import Floats, Surface
 from sim.elements import HEX8, WEDGE6
 
-TOLERANCE: Final = 0.02  #: negative shape function of a point that counts as inside [1]
-CONTROLS: Final = (
-    500  #: number of nodes of the inner surface that determine the spline of the teeth
-)
-NEAR: Final = 5e-3  #: distance from the skin up to which a rigid point lies on it [m]
-CHANGED: Final = 0.05  #: change of a fibre against the affine prediction that is listed [1]
+INSIDE_TOLERANCE: Final = 0.02  #: negative shape function of a point that counts as inside [1]
+#: number of nodes of the inner surface that determine the spline of the teeth
+CARRY_CONTROLS: Final = 500
+ON_SKIN: Final = 5e-3  #: distance from the skin up to which a rigid point lies on it [m]
+LISTED_STRAIN: Final = 0.05  #: change of a fibre against the affine prediction that is listed [1]
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ def carry(face: xr.Dataset, q: Floats) -> Carried:
         )
     if "arch_position" in face:
         nodes = Sheet.from_face(face, INNER).nodes
-        nodes = nodes[:: max(1, len(nodes) // CONTROLS)]
+        nodes = nodes[:: max(1, len(nodes) // CARRY_CONTROLS)]
         spline = thin_plate(source[nodes], q[nodes], 0.5e-3)
         carried["arch_position"].values[:] = spline(face["arch_position"].values)
     if has_mouth(face):
@@ -77,7 +76,7 @@ def inside(face: xr.Dataset, points: Floats, q: Floats) -> Floats:
     result = np.empty_like(points)
     for k, point in enumerate(points):
         try:
-            one = sim.embed(mesh, point[None], tolerance=TOLERANCE)
+            one = sim.embed(mesh, point[None], tolerance=INSIDE_TOLERANCE)
             result[k] = one.weights[0] @ q[one.nodes[0]]
         except sim.MeshError:
             result[k] = _with_surface(outside, point[None], q)[0]
@@ -89,9 +88,9 @@ def rigid_points(face: xr.Dataset, points: Floats, q: Floats) -> Floats:
     source, skin = face["position"].values, Sheet.from_face(face, OUTER)
     before = skin.at(source)
     result = _with_surface(before, points, q)
-    beyond = before.nearest(points).distance > NEAR
+    beyond = before.nearest(points).distance > ON_SKIN
     if beyond.any():
-        nodes = skin.nodes[:: max(1, len(skin.nodes) // CONTROLS)]
+        nodes = skin.nodes[:: max(1, len(skin.nodes) // CARRY_CONTROLS)]
         result[beyond] = thin_plate(source[nodes], q[nodes], 0.5e-3)(points[beyond])
     return result
 

@@ -12,7 +12,7 @@ from emgface.face.template.norms import NORMS
 from emgface.fit.springs import NO_ROWS, Rows
 from emgface.fit.triangulated import Floats, Integers
 
-SPREAD: Final = float(
+THICKNESS_SPREAD: Final = float(
     np.sqrt(
         np.mean(
             [
@@ -30,7 +30,7 @@ The root mean square of the coefficients of variation of the thicknesses in
 `emgface.face.template.norms` (Stephan and Simpson 2008; Arnett et al. 1999).
 """
 SOFTNESS: Final = 4e5  #: stiffness of the springs of the prior, per area [Pa/m]
-INTERVAL: Final = 1.645  #: half width of an interval of 90 % in standard deviations
+INTERVAL_90: Final = 1.645  #: half width of an interval of 90 % in standard deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ class Columns:
 
 @dataclass(frozen=True, eq=False)
 class ThicknessPrior:
-    """Log-normal thickness of the columns, with the deviation `SPREAD` of its logarithm."""
+    """Log-normal thickness of the columns, with the deviation `THICKNESS_SPREAD` of its logarithm."""
 
     columns: Columns
     mean: Floats  #: (n,) median thickness [m]
@@ -112,11 +112,11 @@ class ThicknessPrior:
     @property
     def wanted(self) -> Floats:
         """Thickness (n,) of this face [m]."""
-        return self.mean * np.exp(self.deviation * SPREAD)
+        return self.mean * np.exp(self.deviation * THICKNESS_SPREAD)
 
     def interval(self) -> tuple[Floats, Floats]:
         """Bounds (n,) that contain the thickness with a probability of 90 % [m]."""
-        width = np.exp(INTERVAL * SPREAD)
+        width = np.exp(INTERVAL_90 * THICKNESS_SPREAD)
         return self.mean / width, self.mean * width
 
     def rows(self, q: Floats, area: Floats) -> Rows:

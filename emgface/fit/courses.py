@@ -27,11 +27,12 @@ from emgface.fit.inputs import frame_of_inputs
 from emgface.fit.readers.tracts import Tracts, tracts_of
 from emgface.fit.triangulated import Floats
 
-POINTS: Final = 15  #: points of a fibre
+FIBRE_POINTS: Final = 15  #: points of a fibre
 RADII: Final = (0.5e-3, 20e-3)  #: smallest and largest radius of a muscle of the face [m]
-AWAY: Final = 20e-3  #: largest median distance of a bundle from the course that it replaces [m]
+#: largest median distance of a bundle from the course that it replaces [m]
+LARGEST_COURSE_DISTANCE: Final = 20e-3
 OUTSIDE: Final = 0.5  #: share of points outside the tissue that is refused [1]
-SHARE: Final = 0.02  #: smallest share of an element that belongs to the muscle [1]
+LEAST_MUSCLE_SHARE: Final = 0.02  #: smallest share of an element that belongs to the muscle [1]
 SEED: Final = 0
 
 
@@ -126,7 +127,7 @@ def with_courses(
 
 
 def mean_courses(lines: Sequence[Floats], fibres: int = 1) -> list[Floats]:
-    """Means (`POINTS`, 3) of groups of streamlines, all in one direction."""
+    """Means (`FIBRE_POINTS`, 3) of groups of streamlines, all in one direction."""
     if not 1 <= fibres <= len(lines):
         raise FitError(
             f"{fibres} fibres of {len(lines)} streamlines, expected 1 or more, but not more"
@@ -145,9 +146,9 @@ def mean_courses(lines: Sequence[Floats], fibres: int = 1) -> list[Floats]:
 
 
 def _resampled(line: Floats) -> Floats:
-    """Points (`POINTS`, 3) at equal steps of arc length."""
+    """Points (`FIBRE_POINTS`, 3) at equal steps of arc length."""
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    at = np.linspace(0.0, s[-1], POINTS)
+    at = np.linspace(0.0, s[-1], FIBRE_POINTS)
     return np.stack([np.interp(at, s, line[:, k]) for k in range(3)], axis=1)
 
 
@@ -165,10 +166,10 @@ def _check_place(face: xr.Dataset, muscle: str, lines: Sequence[Floats], name: s
             f"{1e3 * other:.3g} mm if left and right are exchanged; expected the side of the muscle: "
             "check the frame (LPS or RAS) and the name"
         )
-    if away > AWAY:
+    if away > LARGEST_COURSE_DISTANCE:
         raise FitError(
             f"{name} is {1e3 * away:.3g} mm from {muscle} of the face (median), expected at most "
-            f"{1e3 * AWAY:.0f} mm: check the frame, the unit and the muscle"
+            f"{1e3 * LARGEST_COURSE_DISTANCE:.0f} mm: check the frame, the unit and the muscle"
         )
     return away
 
@@ -219,7 +220,7 @@ def _shares(face: xr.Dataset, courses: Sequence[Floats], radius: float) -> Float
 def _replaced(face: xr.Dataset, index: int, courses: Sequence[Floats], radius: float) -> xr.Dataset:
     """Face with the fibres and the elements of one muscle replaced."""
     share = _shares(face, courses, radius)
-    element = np.flatnonzero(share > SHARE)
+    element = np.flatnonzero(share > LEAST_MUSCLE_SHARE)
     if not len(element):
         raise FitError("no element lies within the radius of the course, expected some: check both")
     centres = element_centres(face["position"].values, face["connectivity"].values)

@@ -8,7 +8,7 @@ import numpy as np
 
 from emgface.fit.corners import Corners
 from emgface.fit.loops import along
-from emgface.fit.mechanics import FINE, FitTissue
+from emgface.fit.mechanics import FINE_TOLERANCE, FitTissue
 from emgface.fit.similarity import GROWTH, Similarity, growth_of, similarity, thin_plate
 from emgface.fit.springs import Rows, at_nodes
 from emgface.fit.targets import LandmarkPoints, Pull, Target, pulling
@@ -24,10 +24,10 @@ PULLS: Final = (
 )  # fmt: skip
 """Springs of the iterations of closest points: stiffer, and freer along the surface, each time."""
 RELAXING: Final = Pull(1e7, 0.1, 0.3, back=0.5)
-ROUNDS: Final = 2  #: rounds of relaxation
-BELOW, STIFFENING = 0.3, 10.0
+RELAXATION_ROUNDS: Final = 2  #: rounds of relaxation
+RELAXED_JACOBIAN, STIFFENING = 0.3, 10.0
 """Scaled Jacobian below which an element is relaxed, and factor on its stiffness."""
-NOISE: Final = 0.8e-3  #: standard deviation of a landmark [m]
+LANDMARK_NOISE: Final = 0.8e-3  #: standard deviation of a landmark [m]
 LANDMARK: Final = 50.0
 """Stiffness of a landmark with this noise [N/m], if shapes differ by `GROWTH`.
 
@@ -56,7 +56,7 @@ def deform(
     landmarks: LandmarkPoints,
     targets: Sequence[Target],
     *,
-    noise: float = NOISE,
+    noise: float = LANDMARK_NOISE,
     progress: Progress | None = None,
     fixed_rows: Callable[[Floats], Rows] | None = None,
 ) -> Deformed:
@@ -65,7 +65,7 @@ def deform(
     `fixed_rows` returns further springs at positions, such as those of the prior of thickness.
     """
     tell = progress or (lambda what, done, total: None)
-    total = 2 + (len(PULLS) if targets else 0) + ROUNDS
+    total = 2 + (len(PULLS) if targets else 0) + RELAXATION_ROUNDS
     tell("spline", 0, total)
     motion = similarity(landmarks.source, landmarks.target)
     start = motion(source)
@@ -78,7 +78,7 @@ def deform(
     q = stages["mechanics"] = tissue.settle(guide)
     iterations = tissue.iterations
     shown = growth_of(landmarks.source, landmarks.target, noise) / GROWTH
-    stiffness = LANDMARK * shown * (NOISE / noise) ** 2
+    stiffness = LANDMARK * shown * (LANDMARK_NOISE / noise) ** 2
     has_skin = any(target.only is None and target.name == "skin" for target in targets)
 
     def pulled(q: Floats, pull: Pull) -> Rows:
@@ -93,10 +93,12 @@ def deform(
             tissue, pulled, lambda k: tell("fit to the surfaces", 2 + k, total)
         )
         iterations += tissue.iterations
-    for k in range(ROUNDS):
-        tell("relaxation of the elements", total - ROUNDS + k, total)
-        tissue = FitTissue.toward_rectangles(corners, q, below=BELOW, stiffening=STIFFENING)
-        q = tissue.settle(pulled(q, replace(RELAXING, seed=50 + k)), 0.5 * FINE)
+    for k in range(RELAXATION_ROUNDS):
+        tell("relaxation of the elements", total - RELAXATION_ROUNDS + k, total)
+        tissue = FitTissue.toward_rectangles(
+            corners, q, below=RELAXED_JACOBIAN, stiffening=STIFFENING
+        )
+        q = tissue.settle(pulled(q, replace(RELAXING, seed=50 + k)), 0.5 * FINE_TOLERANCE)
         iterations += tissue.iterations
     stages["relaxed"] = q
     tell("relaxation of the elements", total, total)
@@ -109,7 +111,7 @@ def pull_to(
     """Equilibria with the springs `rows` of positions (n, 3) and a stage of `PULLS`, one by one."""
     for k, pull in enumerate(PULLS):
         tell(k)
-        last = (FINE,) if k >= len(PULLS) - 2 else ()
+        last = (FINE_TOLERANCE,) if k >= len(PULLS) - 2 else ()
         tissue.settle(rows(tissue.q, replace(pull, seed=k)), *last)
     return tissue.q
 

@@ -22,11 +22,11 @@ from emgface.face.template.volunteers import ASYMMETRY
 from emgface.fit.carry import carry
 from emgface.fit.similarity import Floats
 
-SHARES: Final = (1.0, 0.75, 0.5, 0.25)
+MEASURE_SHARES: Final = (1.0, 0.75, 0.5, 0.25)
 """Shares of the way to the fitted measures, of which the first that yields a face is taken."""
-SAME: Final = 1e-9  #: largest distance of the nodes of one face [m]
+SAME_FACE: Final = 1e-9  #: largest distance of the nodes of one face [m]
 
-SPREAD: Final = {n.name: 0.5e-3 * (n.men[1] + n.women[1]) for n in NORMS} | dict(ASYMMETRY)
+MEASURE_SPREADS: Final = {n.name: 0.5e-3 * (n.men[1] + n.women[1]) for n in NORMS} | dict(ASYMMETRY)
 """Standard deviations of the measures among adults [m]; of the asymmetry [1]."""
 
 
@@ -43,7 +43,7 @@ class Family:
     def from_face(cls, face: xr.Dataset) -> "Family | None":
         """Family of a face; None unless its nodes are those of the generated face of its measures."""
         attrs = face.attrs
-        names = [f"measure_{name}" for name in SPREAD]
+        names = [f"measure_{name}" for name in MEASURE_SPREADS]
         if attrs.get("origin") != "generated" or not all(name in attrs for name in names):
             return None
         measures = Measures(**{name[8:]: float(attrs[name]) for name in names})
@@ -53,15 +53,15 @@ class Family:
                 continue
             surfaces = calibrated_surfaces(measures)
             nodes = constructed_positions(surfaces, grid)
-            if np.abs(nodes - face["position"].values).max() < SAME:
-                start = np.array([getattr(surfaces.measures, name) for name in SPREAD])
+            if np.abs(nodes - face["position"].values).max() < SAME_FACE:
+                start = np.array([getattr(surfaces.measures, name) for name in MEASURE_SPREADS])
                 return cls(face, grid, measures, start)
         return None
 
     def surfaces(self, values: Floats) -> Surfaces:
         """Surfaces of parameters (n,) [m]."""
         return Surfaces(
-            ConstructionParameters(**dict(zip(SPREAD, map(float, values), strict=True)))
+            ConstructionParameters(**dict(zip(MEASURE_SPREADS, map(float, values), strict=True)))
         )
 
     def nodes(self, values: Floats) -> Floats:
@@ -80,7 +80,7 @@ class Family:
         Muscles and attachments are those of the generated face; if the face of the beginning has others,
         they are carried along.
         """
-        for share in SHARES:
+        for share in MEASURE_SHARES:
             try:
                 measures = self.measures_of(self.start + share * (values - self.start))
                 return self._with(measures)

@@ -17,15 +17,15 @@ from emgface.errors import FitError
 from emgface.fit.readers.volumes import toolkit
 from emgface.fit.similarity import Similarity, misfit, similarity
 
-LEAST: Final = 3  #: smallest number of common fiducials
+LEAST_FIDUCIALS: Final = 3  #: smallest number of common fiducials
 MISFIT: Final = 2e-3  #: largest rms distance of fiducials after a rigid motion [m]
-OVERLAP: Final = 0.3  #: smallest share of an image inside the other after registration [1]
-FURTHEST: Final = 60e-3  #: largest motion by a registration [m]
-NEAR: Final = 8e-3  #: width of the surroundings of a region [m]
-EDGE: Final = (
-    1.5e-3  #: distance from the border of a region within which voxels contain both sides [m]
-)
-MOST: Final = 0.6  #: largest share of the image that is a region [1]
+#: smallest share of an image inside the other after registration [1]
+LEAST_IMAGE_OVERLAP: Final = 0.3
+LARGEST_REGISTRATION_MOTION: Final = 60e-3  #: largest motion by a registration [m]
+REGION_SURROUNDINGS: Final = 8e-3  #: width of the surroundings of a region [m]
+#: distance from the border of a region within which voxels contain both sides [m]
+REGION_EDGE: Final = 1.5e-3
+LARGEST_REGION_SHARE: Final = 0.6  #: largest share of the image that is a region [1]
 VOXELS: Final = 4.0  #: in the radius of a ball around a click [1]
 AIR: Final = 0.0  #: value outside an image
 
@@ -121,11 +121,11 @@ def registered_images(fixed: Any, moving: Any, start: Similarity | None = None) 
         moving.TransformContinuousIndexToPhysicalPoint([n / 2 for n in moving.GetSize()])
     )
     went = float(np.linalg.norm(motion(middle[None]) - begin(middle[None])))
-    if overlap < OVERLAP or went > FURTHEST:
+    if overlap < LEAST_IMAGE_OVERLAP or went > LARGEST_REGISTRATION_MOTION:
         raise FitError(
             f"the registration ended {1e3 * went:.3g} mm from its start with an overlap of "
-            f"{overlap:.0%}, expected at most {1e3 * FURTHEST:.0f} mm and at "
-            f"least {OVERLAP:.0%}: start from fiducials"
+            f"{overlap:.0%}, expected at most {1e3 * LARGEST_REGISTRATION_MOTION:.0f} mm and at "
+            f"least {LEAST_IMAGE_OVERLAP:.0%}: start from fiducials"
         )
     return Registered(motion, float(method.GetMetricValue()), overlap)
 
@@ -187,7 +187,7 @@ def region_around(
         start |= (away < VOXELS**2).astype(np.uint8)
     region = _grown(values, start > 0, iterations)
     for _ in range(2):  # again with the mean of the surroundings alone, which others do not change
-        box = _box_around(region, int(np.ceil(NEAR / fine)))
+        box = _box_around(region, int(np.ceil(REGION_SURROUNDINGS / fine)))
         region[box] = _grown(values[box], region[box], iterations)
     parts: Any = label(region, connectivity=1)
     last = np.array(values.shape) - 1
@@ -207,10 +207,10 @@ def region_around(
             "no region remains around the clicks, expected one whose intensity differs from its "
             "surroundings: click inside it, away from its border"
         )
-    if mask.mean() > MOST:
+    if mask.mean() > LARGEST_REGION_SHARE:
         raise FitError(
             f"the region around the clicks fills {mask.mean():.0%} of the image, expected at most "
-            f"{MOST:.0%}: add clicks, or crop the image"
+            f"{LARGEST_REGION_SHARE:.0%}: add clicks, or crop the image"
         )
     return mask
 
@@ -243,17 +243,17 @@ def _with_own_border(
 
     if not mask.any():
         return mask
-    box = _box_around(mask, int(np.ceil(NEAR / spacing.min())))
+    box = _box_around(mask, int(np.ceil(REGION_SURROUNDINGS / spacing.min())))
     own, v = mask[box], values[box]
     inside: Any = distance_transform_edt(own, sampling=spacing)
     outside: Any = distance_transform_edt(~own, sampling=spacing)
-    core = inside > min(EDGE, 0.8 * float(inside.max()))
-    around = (outside > EDGE) & (outside < NEAR)
+    core = inside > min(REGION_EDGE, 0.8 * float(inside.max()))
+    around = (outside > REGION_EDGE) & (outside < REGION_SURROUNDINGS)
     if not around.any():
         return mask
     middle, beyond = float(np.median(v[core])), float(np.median(v[around]))
     nearer = np.abs(v - middle) < np.abs(v - beyond)
-    new = np.where(np.maximum(inside, outside) < EDGE + spacing.max(), nearer, own)
+    new = np.where(np.maximum(inside, outside) < REGION_EDGE + spacing.max(), nearer, own)
     parts: Any = label(uniform_filter(new.astype(np.float64), 3) > 0.5, connectivity=1)
     bordered = mask.copy()
     bordered[box] = (parts > 0) & np.isin(parts, np.unique(parts[core]))
@@ -274,10 +274,10 @@ def _by_fiducials(
     given: Mapping[str, Sequence[float]], first: Mapping[str, Sequence[float]], number: int
 ) -> Similarity:
     names = [name for name in given if name in first]
-    if len(names) < LEAST:
+    if len(names) < LEAST_FIDUCIALS:
         raise FitError(
             f"stack {number} has {len(names)} fiducials in common with the first, expected at "
-            f"least {LEAST}"
+            f"least {LEAST_FIDUCIALS}"
         )
     a, b = (np.array([s[name] for name in names], dtype=np.float64) for s in (given, first))
     extent = np.linalg.svd(b - b.mean(axis=0), compute_uv=False)

@@ -16,25 +16,30 @@ from emgface.fit.family import Family
 from emgface.fit.readers.landmarks import Landmarks, plain
 from emgface.fit.readers.surfaces import Scan
 from emgface.fit.similarity import Similarity, misfit, rigid_of, similarity
-from emgface.fit.strays import LEAST as ENOUGH
-from emgface.fit.strays import check_sides, check_strays, unusual_proportions
+from emgface.fit.strays import (
+    LEAST_JUDGED_LANDMARKS,
+    check_sides,
+    check_strays,
+    unusual_proportions,
+)
 from emgface.fit.targets import LandmarkPoints, Sheet
 from emgface.fit.triangulated import Floats, Surface
 
 ORIGIN: Final = "fitted"  #: origin of a fitted model in its attributes
-LEAST: Final = 4  #: smallest number of landmarks
-FLAT: Final = 0.05  #: smallest extent of the landmarks across a plane, relative to the largest [1]
-MIRRORED: Final = 0.6  #: ratio of the misfits of improper and proper map of a mirrored input [1]
-SCALE: Final = (0.6, 1.6)  #: ratio of sizes of two people
+LEAST_LANDMARKS: Final = 4  #: smallest number of landmarks
+#: smallest extent of the landmarks across a plane, relative to the largest [1]
+LANDMARKS_FLAT: Final = 0.05
+#: ratio of the misfits of improper and proper map of a mirrored input [1]
+MIRRORED_MISFIT_RATIO: Final = 0.6
+SIZE_RATIOS: Final = (0.6, 1.6)  #: ratio of sizes of two people
 USUAL_SCALE: Final = (0.75, 1.35)
 """Ratio of sizes beyond which a unit, or the spacing of the voxels of an image, is doubtful."""
 OFF: Final = 0.012  #: distance of a landmark from the skin that is refused [m]
-LOCAL: Final = (
-    0.5  #: extent of the landmarks, or of a scan, of a face below which they are doubted [1]
-)
+#: extent of the landmarks, or of a scan, of a face below which they are doubted [1]
+LOCAL: Final = 0.5
 TIP: Final = 0.03  #: distance of the tip of a nose or chin within which its curve is followed [m]
 HIDDEN: Final = 0.01  #: share of a surface beneath its outer layer from which that is left out [1]
-BENEATH: Final = (3e-3, 12e-3)
+BENEATH_DEPTHS: Final = (3e-3, 12e-3)
 """Depth under the outer layer at which triangles that face inward, and any, are beneath it [m]."""
 DISAGREE: Final = 0.5  #: mean cosine of normals below which a surface is refused [1]
 
@@ -157,10 +162,10 @@ def match(
     if also is not None:
         known |= dict(zip(also.names, also.position, strict=True))
     names = [n for n in given.names if n in known]
-    if len(names) < LEAST:
+    if len(names) < LEAST_LANDMARKS:
         raise FitError(
             f"{given.source}: {len(names)} of {len(given.names)} landmarks have a counterpart on the "
-            f"{model}, expected at least {LEAST}: name them as on the {model} "
+            f"{model}, expected at least {LEAST_LANDMARKS}: name them as on the {model} "
             f"({listed(sorted(known), 12)}), or state their places on the {model}"
         )
     notes = []
@@ -173,7 +178,7 @@ def match(
     extents = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)
     own = np.linalg.svd(target - target.mean(axis=0), compute_uv=False)
     for values, whose in ((extents, f"on the {model}"), (own, f"of {given.source}")):
-        if not values[2] > FLAT * values[0]:
+        if not values[2] > LANDMARKS_FLAT * values[0]:
             raise FitError(
                 f"the landmarks {whose} lie nearly in one plane, expected landmarks at different "
                 "depths: add some, for example at the tip of the nose, the chin and the temples"
@@ -181,10 +186,10 @@ def match(
     motion = similarity(source, target)
     _check_side(source, target, motion, given.source)
     check_sides(names, source, target, given.source)
-    if not SCALE[0] <= motion.scale <= SCALE[1]:
+    if not SIZE_RATIOS[0] <= motion.scale <= SIZE_RATIOS[1]:
         raise FitError(
             f"{given.source}: the landmarks are {motion.scale:.3g} times as far apart as those of the "
-            f"{model}, expected {SCALE[0]} to {SCALE[1]}: check the unit"
+            f"{model}, expected {SIZE_RATIOS[0]} to {SIZE_RATIOS[1]}: check the unit"
         )
     if not USUAL_SCALE[0] <= motion.scale <= USUAL_SCALE[1]:
         notes.append(
@@ -195,10 +200,10 @@ def match(
     check_strays(names, source, target, given.source, noise)
     if doubt := unusual_proportions(source, target, motion.rotation, given.source, noise):
         notes.append(doubt)
-    if len(names) < ENOUGH:
+    if len(names) < LEAST_JUDGED_LANDMARKS:
         notes.append(
             f"with {len(names)} landmarks, about half of the exchanges of two names remain undetected: "
-            f"check the names, or place at least {ENOUGH}"
+            f"check the names, or place at least {LEAST_JUDGED_LANDMARKS}"
         )
     return Matched(tuple(names), source, target, motion, notes)
 
@@ -229,7 +234,7 @@ def _check_side(source: Floats, target: Floats, motion: Similarity, name: str) -
     """Refuse landmarks that only a reflection fits."""
     proper = misfit(motion, source, target)
     improper = misfit(similarity(source, target, mirrored=True), source, target)
-    if improper < MIRRORED * proper:
+    if improper < MIRRORED_MISFIT_RATIO * proper:
         raise FitError(
             f"{name} is mirrored: a reflection fits the landmarks to {1e3 * improper:.3g} mm rms, the "
             f"best rotation only to {1e3 * proper:.3g} mm; expected a right-handed frame and left and "
@@ -291,12 +296,12 @@ def outer_layer(surface: Surface, sheet: Surface) -> tuple[Surface, float]:
     np.maximum.at(top, near.triangle[judged], over[judged])
     depth = top[near.triangle] - over
     inward = np.einsum("ti,ti->t", surface.normals, n) < 0.0
-    hidden = judged & ((depth > BENEATH[1]) | (inward & (depth > BENEATH[0])))
+    hidden = judged & ((depth > BENEATH_DEPTHS[1]) | (inward & (depth > BENEATH_DEPTHS[0])))
     share = float(surface.areas[hidden].sum() / surface.areas.sum())
     if share < HIDDEN:
         return surface, 0.0
     hidden |= ~judged & (
-        over < -BENEATH[1]
+        over < -BENEATH_DEPTHS[1]
     )  # walls of an open mouth, whose lips are edges of the sheet
     return Surface(surface.points, surface.triangles[~hidden]), share
 

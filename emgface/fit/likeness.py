@@ -16,18 +16,19 @@ import xarray as xr
 from scipy.spatial.transform import Rotation
 
 from emgface.errors import FaceError, listed
-from emgface.fit.family import SPREAD, Family
+from emgface.fit.family import MEASURE_SPREADS, Family
 from emgface.fit.inputs import Paired
 from emgface.fit.similarity import Floats, Similarity, similarity
 from emgface.fit.springs import Rows
-from emgface.fit.targets import UNCOVERED, Pull, Target, pulling
+from emgface.fit.targets import UNCOVERED_RATIO, Pull, Target, pulling
 
 CORRELATED: Final = 1e-4  #: area over which the misfit of a surface is one independent value [m2]
-WIDTHS: Final = (4e-3, 2e-3, 1e-3, 0.6e-3, 0.4e-3, 0.3e-3, 0.3e-3, 0.3e-3)
+SURFACE_SPREADS: Final = (4e-3, 2e-3, 1e-3, 0.6e-3, 0.4e-3, 0.3e-3, 0.3e-3, 0.3e-3)
 """Standard deviations of the distance from a surface in the rounds of nearest points [m]."""
-HUBER: Final = 2.0  #: misfit in standard deviations beyond which a spring becomes weaker [1]
-FURTHEST: Final = 2.0  #: largest change of a measure in a round, in its spreads [1]
-STEP: Final = 1e-4  #: differences that give the derivatives, in spreads of the measures [1]
+SPRING_HUBER: Final = 2.0  #: misfit in standard deviations beyond which a spring becomes weaker [1]
+LARGEST_ROUND_CHANGE: Final = 2.0  #: largest change of a measure in a round, in its spreads [1]
+#: differences that give the derivatives, in spreads of the measures [1]
+DIFFERENCE_IN_SPREADS: Final = 1e-4
 
 
 @np.errstate(invalid="ignore", divide="ignore")  # measures of the search may have no surface
@@ -43,14 +44,14 @@ def nearer_face(
         return face
     landmarks = paired.points
     motion = similarity(landmarks.source, landmarks.target)
-    spread = np.array(list(SPREAD.values()))
+    spread = np.array(list(MEASURE_SPREADS.values()))
     n = len(spread)
-    lengths = np.array([name != "width_asymmetry" for name in SPREAD])
+    lengths = np.array([name != "width_asymmetry" for name in MEASURE_SPREADS])
     expected = np.where(lengths, motion.scale, 1.0) * family.start
     values, rigid = expected, replace(motion, scale=1.0)
     prior = np.concatenate([np.ones(n), np.zeros(6)])
 
-    def springs(q: Floats, width: float, number: int, beyond: float = UNCOVERED) -> Rows:
+    def springs(q: Floats, width: float, number: int, beyond: float = UNCOVERED_RATIO) -> Rows:
         rows = _robust(landmarks.rows(noise**-2), q, noise)
         if not targets:
             return rows
@@ -58,9 +59,12 @@ def nearer_face(
         return rows.joined(_robust(pulling(q, targets, pull), q, width))
 
     try:
-        for number, width in enumerate(WIDTHS):
+        for number, width in enumerate(SURFACE_SPREADS):
             own = family.nodes(values)
-            moved = [(family.nodes(values + STEP * s) - own) / STEP for s in np.diag(spread)]
+            moved = [
+                (family.nodes(values + DIFFERENCE_IN_SPREADS * s) - own) / DIFFERENCE_IN_SPREADS
+                for s in np.diag(spread)
+            ]
             q = rigid(own)
             centre = q.mean(axis=0)
             turns = [np.cross(axis, q - centre) for axis in np.eye(3)]
@@ -70,12 +74,14 @@ def nearer_face(
             H, g = _normal_equations(springs(q, width, number), slope, q)
             g[:n] += (values - expected) / spread
             step = -np.linalg.solve(H + np.diag(prior), g)
-            values = values + np.clip(step[:n], -FURTHEST, FURTHEST) * spread
+            values = (
+                values + np.clip(step[:n], -LARGEST_ROUND_CHANGE, LARGEST_ROUND_CHANGE) * spread
+            )
             turn = Rotation.from_rotvec(step[n:-3]).as_matrix()
             shift = centre + step[-3:] - turn @ centre
             rigid = Similarity(1.0, turn @ rigid.rotation, turn @ rigid.shift + shift)
         before, after = (
-            _mean_square(springs(q, WIDTHS[0], 0, beyond=0.0), q)
+            _mean_square(springs(q, SURFACE_SPREADS[0], 0, beyond=0.0), q)
             for q in (motion(face["position"].values), rigid(family.nodes(values)))
         )
     except (FaceError, ValueError, np.linalg.LinAlgError):  # no surface has these measures
@@ -91,7 +97,7 @@ def _mean_square(rows: Rows, q: Floats) -> float:
 def changed_measures(before: xr.Dataset, after: xr.Dataset) -> list[str]:
     """Sentence with the measures that differ by more than half of their spread."""
     changes = []
-    for name, spread in SPREAD.items():
+    for name, spread in MEASURE_SPREADS.items():
         a, b = (float(face.attrs[f"measure_{name}"]) for face in (before, after))
         if abs(b - a) > 0.5 * spread:
             unit = 1.0 if name == "width_asymmetry" else 1e-3
@@ -106,7 +112,7 @@ def _robust(rows: Rows, q: Floats, width: float) -> Rows:
     r = _misfit(rows, q)
     stiffness = np.maximum(np.trace(rows.stiffness, axis1=1, axis2=2), 1e-30)
     size = np.sqrt(np.einsum("ri,rij,rj->r", r, rows.stiffness, r) / stiffness)
-    weight = np.minimum(1.0, HUBER * width / np.maximum(size, 1e-12))
+    weight = np.minimum(1.0, SPRING_HUBER * width / np.maximum(size, 1e-12))
     return replace(rows, stiffness=weight[:, None, None] * rows.stiffness)
 
 

@@ -8,12 +8,12 @@ from numpy.lib.stride_tricks import sliding_window_view
 from emgface.fit.triangulated import Floats, Integers, Surface
 
 FINENESS = 4  #: number of points on the target per point of the loop
-SPACING = 1.5e-3  #: largest distance of the points on the target [m]
+TARGET_SPACING = 1.5e-3  #: largest distance of the points on the target [m]
 TANGENT = 3.0e-2  #: weight of differences of direction, relative to the spacing of the points [m]
 EVEN = 3.0  #: weight of differences of the distances along both loops [1]
 STARTS = 3  #: number of pairs of points tried as beginning
 LONGEST_JUMP = 8  #: largest advance along the target per point, relative to the mean [1]
-FARTHEST, LONGEST = 0.03, 1.6
+LARGEST_CENTRE_DISTANCE, LARGEST_LENGTH_RATIO = 0.03, 1.6
 """Distance of the centres [m] and ratio of the lengths beyond which loops do not correspond."""
 
 
@@ -37,7 +37,10 @@ def pair_loops(mine: tuple[Integers, ...], position: Floats, target: Surface) ->
             q = target.points[other]
             apart = float(np.linalg.norm(p.mean(axis=0) - q.mean(axis=0)))
             ratio = length(p) / length(q)
-            if apart < FARTHEST and 1.0 / LONGEST < ratio < LONGEST:
+            if (
+                apart < LARGEST_CENTRE_DISTANCE
+                and 1.0 / LARGEST_LENGTH_RATIO < ratio < LARGEST_LENGTH_RATIO
+            ):
                 cost[i, j] = apart + 0.2 * abs(length(p) - length(q))
     pairs: list[LoopPair] = []
     while np.isfinite(cost).any():
@@ -59,7 +62,7 @@ def along(points: Floats, polygon: Floats) -> tuple[Floats, Floats]:
     the unevenness of the distances along both loops is least among all monotone correspondences, in
     either direction of the polygon.
     """
-    n = max(150, FINENESS * len(points), int(length(polygon) / SPACING))
+    n = max(150, FINENESS * len(points), int(length(polygon) / TARGET_SPACING))
     spacing = length(points) / len(points)
     tangent = _tangents(points)
     best: tuple[float, Floats, Floats] | None = None

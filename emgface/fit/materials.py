@@ -17,13 +17,13 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from emgface.errors import FitError, listed
-from emgface.fit.probing import DIRECTIONS
+from emgface.fit.probing import PROBE_DIRECTIONS
 from emgface.fit.triangulated import Floats
 
 SPAN: Final = 4.0  #: ratio of the bounds of an interval beyond which a parameter is not identified
-LEVEL: Final = 0.9
+MATERIAL_PROBABILITY: Final = 0.9
 BOUND: Final = 1e3  #: factor by which a parameter may differ from its start
-STEP: Final = 1e-3  #: step of the logarithms for derivatives [1]
+LOGARITHM_STEP: Final = 1e-3  #: step of the logarithms for derivatives [1]
 NRMSE: Final = 0.12  #: largest misfit that is accepted; the best published is 12 % [1]
 
 Model = Callable[[Mapping[str, float]], Mapping[str, Floats]]
@@ -76,7 +76,7 @@ def fit_material(
     curves: Mapping[str, Curve],
     *,
     noise: float | None = None,
-    level: float = LEVEL,
+    level: float = MATERIAL_PROBABILITY,
 ) -> FittedMaterial:
     """Fit positive parameters of a model to curves.
 
@@ -102,7 +102,7 @@ def fit_material(
         forces = model(dict(zip(names, np.exp(x).tolist(), strict=True)))
         return (np.concatenate([forces[name] for name in curves]) - measured) / unit
 
-    steps = [STEP] * len(names)
+    steps = [LOGARITHM_STEP] * len(names)
     done: Any = least_squares(
         residual, x0, bounds=(x0 - np.log(BOUND), x0 + np.log(BOUND)), diff_step=steps, x_scale=1.0,
         xtol=1e-6, ftol=1e-8, max_nfev=60,
@@ -158,9 +158,9 @@ def _checked(curves: Mapping[str, Curve]) -> dict[str, Curve]:
     if not curves:
         raise FitError("no curve is given, expected at least one")
     for name, curve in curves.items():
-        if name not in DIRECTIONS:
+        if name not in PROBE_DIRECTIONS:
             raise FitError(
-                f"there is no direction {name!r}, expected some of {', '.join(DIRECTIONS)}"
+                f"there is no direction {name!r}, expected some of {', '.join(PROBE_DIRECTIONS)}"
             )
         d, f = np.asarray(curve.displacement), np.asarray(curve.force)
         if d.shape != f.shape or d.ndim != 1 or len(d) < 2:

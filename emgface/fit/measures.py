@@ -4,12 +4,13 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from emgface.face.check import DENSITY
+from emgface.face.check import TISSUE_DENSITY
 from emgface.face.quality import element_quality, is_wedge
 from emgface.fit.targets import Target
 from emgface.fit.triangulated import Floats, Surface
 
-MOST = 200_000  #: largest number of points of a surface whose distances are measured
+#: largest number of points of a surface whose distances are measured
+MOST_MEASURED_POINTS = 200_000
 
 
 def distances(target: Target, q: Floats) -> dict[str, float]:
@@ -44,9 +45,9 @@ def distances(target: Target, q: Floats) -> dict[str, float]:
 
 
 def _some(surface: Surface) -> tuple[Floats, Floats]:
-    """Samples of a surface and their areas, of a large one at most `MOST` at equal steps."""
+    """Samples of a surface and their areas, `MOST_MEASURED_POINTS` at equal steps of a larger one."""
     points, _, weight = surface.samples
-    step = -(-len(points) // MOST)
+    step = -(-len(points) // MOST_MEASURED_POINTS)
     return points[::step], weight[::step]
 
 
@@ -73,6 +74,6 @@ def quality_rows(before: xr.Dataset, after: xr.Dataset) -> pd.DataFrame:
             rows[f"{kind} below 0.2"] = int((s < 0.2).sum())
         rows["inverted corners and points"] = int((quality.smallest_det <= 0).sum())
         rows["volume [cm3]"] = 1e6 * float(quality.volume.sum())
-        rows["mass [g]"] = 1e3 * DENSITY * float(quality.volume.sum())
+        rows["mass [g]"] = 1e3 * TISSUE_DENSITY * float(quality.volume.sum())
         columns[name] = rows
     return pd.DataFrame(columns).rename_axis("quantity")

@@ -16,10 +16,13 @@ SHEAR, BULK = 1000.0, 1000.0
 Only their ratio to the stiffness of the springs has an effect.
 """
 
-COARSE, FINE = 5e-4, 1e-4  #: tolerance of positions of intermediate and last equilibria [m]
-RESIDUAL = 0.1  #: largest residual force of an equilibrium [N]
+COARSE_TOLERANCE, FINE_TOLERANCE = (
+    5e-4,
+    1e-4,
+)  #: tolerance of positions of intermediate and last equilibria [m]
+LARGEST_RESIDUAL = 0.1  #: largest residual force of an equilibrium [N]
 CLASSES = 20  #: number of classes of stiffness by volume in the relaxation
-STIFFEST = 50.0  #: largest factor on the stiffness of small corners
+LARGEST_STIFFNESS_FACTOR = 50.0  #: largest factor on the stiffness of small corners
 
 
 @dataclass
@@ -58,7 +61,9 @@ class FitTissue:
         edges = np.linspace(weight.min(), weight.max() + 1e-9, CLASSES + 1)
         own = np.clip(np.digitize(weight, edges) - 1, 0, CLASSES - 1)
         factor = np.exp(0.5 * (edges[:-1] + edges[1:]))
-        factors = np.concatenate([np.minimum(factor, STIFFEST), stiffening * factor])
+        factors = np.concatenate(
+            [np.minimum(factor, LARGEST_STIFFNESS_FACTOR), stiffening * factor]
+        )
         materials = tuple(
             sim.Material(sim.NeoHooke(SHEAR * s), sim.LogarithmicBulk(0.2 * BULK * s))
             for s in factors
@@ -74,14 +79,16 @@ class FitTissue:
         system = sim.compile_scene(sim.Scene(mesh, terms=(solid, Springs())))
         return cls(system, sim.Workspace(system), np.ascontiguousarray(q))
 
-    def settle(self, rows: Rows, tolerance: float = COARSE) -> Floats:
+    def settle(self, rows: Rows, tolerance: float = COARSE_TOLERANCE) -> Floats:
         """Equilibrium with springs, which becomes the configuration; FitError if there is none."""
         solid, springs = self.system.terms
         assert isinstance(springs, CompiledSprings)
         system = replace(self.system, terms=(solid, springs.to(rows)))
         self.work.newton.forget()
         state = sim.State(0.0, self.q, np.zeros_like(self.q))
-        find = sim.Static(tolerance=tolerance, residual_tolerance=RESIDUAL, max_iterations=200)
+        find = sim.Static(
+            tolerance=tolerance, residual_tolerance=LARGEST_RESIDUAL, max_iterations=200
+        )
         silent = sim.Control(np.zeros(0))
         try:
             state, report = find.step(system, state, silent, 1.0, self.work)

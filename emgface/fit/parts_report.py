@@ -9,19 +9,19 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from analysis.figures.style import blank, grid, styled
 from emgface.face.surface import boundary_faces, triangles
 from emgface.fit.bones import FittedBones, surfaces_of
-from emgface.fit.carry import CHANGED
-from emgface.fit.picture import MISSING, SHARE, distance_at
+from emgface.fit.carry import LISTED_STRAIN
+from emgface.fit.picture import COLOUR_QUANTILE, MISSING, distance_at
 from emgface.fit.report import FitPage, write_fit_page
 from emgface.fit.tongue import FittedTongue
 from emgface.fit.triangulated import Floats, Surface
 from emgface.pictures.body import Body
-from emgface.pictures.render import DISPLACEMENT, SIDES, VIEWS, window_of
+from emgface.pictures.render import DISPLACEMENT, PICTURE_VIEWS, VIEWS, window_of
 from emgface.pictures.stills import marks, paint
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-CAPTION: Final = (
+FIT_CAPTION: Final = (
     "Distance of the fitted surface from that of the person, by colour up to the 98 % quantile. Grey "
     "parts have no counterpart among the given surfaces."
 )
@@ -38,7 +38,7 @@ def fitted_bones_page(fitted: FittedBones) -> FitPage:
     return FitPage(
         fitted.jaw, bones_summary(fitted), fitted.notes, "Surfaces of the bones",
         distance_figure(parts, dict(fitted.targets), fitted.jaw.attrs["fit_of"], fitted.crosses),
-        CAPTION + " Crosses are the landmarks of the person.",
+        FIT_CAPTION + " Crosses are the landmarks of the person.",
         {
             "distances": ("Distances from the surfaces", distance),
             "landmarks": ("Landmarks", landmarks),
@@ -88,7 +88,7 @@ def fitted_tongue_page(fitted: FittedTongue) -> FitPage:
     )
     return FitPage(
         fitted.tongue, tongue_summary(fitted), fitted.notes, "Surface of the tongue",
-        distance_figure({"tongue": own}, targets, fitted.tongue.attrs["fit_of"], None), CAPTION,
+        distance_figure({"tongue": own}, targets, fitted.tongue.attrs["fit_of"], None), FIT_CAPTION,
         {
             "distances": ("Distances from the surface", distance),
             "quality": ("Elements before and after", fitted.quality.reset_index()),
@@ -112,10 +112,10 @@ def tongue_summary(fitted: FittedTongue) -> list[str]:
         f"No corner of an element is inverted; the smallest scaled Jacobian of the hexahedra is "
         f"{smallest['after']:.3f} (before {smallest['before']:.3f})."
     )
-    changed = int((np.abs(fitted.fibres["change"]) > CHANGED).sum())
+    changed = int((np.abs(fitted.fibres["change"]) > LISTED_STRAIN).sum())
     said.append(
         f"The fibres of {changed} of {len(fitted.fibres)} muscles changed their length by more than "
-        f"{CHANGED:.0%}; largest forces are those of the source."
+        f"{LISTED_STRAIN:.0%}; largest forces are those of the source."
     )
     return said
 
@@ -136,7 +136,7 @@ def distance_figure(
     ])  # fmt: skip
     known = np.isfinite(value)
     norm = Normalize(
-        0.0, max(float(np.quantile(value[known], SHARE)) if known.any() else 0.0, 0.05)
+        0.0, max(float(np.quantile(value[known], COLOUR_QUANTILE)) if known.any() else 0.0, 0.05)
     )
     colours = LinearSegmentedColormap.from_list("", DISPLACEMENT)
     colour = np.asarray(colours(norm(np.nan_to_num(value))))[:, :3]
@@ -145,8 +145,8 @@ def distance_figure(
     body = Body(len(points), np.zeros((0, 4), dtype=np.int64), none, triangle, colour, len(points))
     figure = blank(8.6, 3.3)
     cast(Any, figure).suptitle(f"{', '.join(parts)} (fitted to {origin} data)")
-    panels = grid(figure, 1, len(SIDES))[0]
-    for panel, side in zip(panels, SIDES, strict=True):
+    panels = grid(figure, 1, len(PICTURE_VIEWS))[0]
+    for panel, side in zip(panels, PICTURE_VIEWS, strict=True):
         paint(panel, body, points, VIEWS[side], window_of(points, VIEWS[side], 0.01), colour=colour)
         panel.set_title(side)
         if crosses is not None:

@@ -13,10 +13,10 @@ from emgface.errors import FaceError, FitError
 from emgface.face.parts import FREE
 from emgface.face.validity import check_face
 from emgface.fit.carry import carry, rigid_points
-from emgface.fit.columns import SPREAD, Columns, ThicknessPrior
+from emgface.fit.columns import THICKNESS_SPREAD, Columns, ThicknessPrior
 from emgface.fit.corners import Corners
 from emgface.fit.courses import with_courses
-from emgface.fit.deform import NOISE, Deformed, Progress, deform
+from emgface.fit.deform import LANDMARK_NOISE, Deformed, Progress, deform
 from emgface.fit.inputs import (
     LOCAL,
     Paired,
@@ -30,7 +30,7 @@ from emgface.fit.inputs import (
 from emgface.fit.likeness import changed_measures, nearer_face
 from emgface.fit.measures import distances, quality_rows
 from emgface.fit.places import (
-    UNCOVERED,
+    UNCOVERED_DISTANCE,
     check_landmarks_off,
     check_landmarks_on,
     implausible_thickness,
@@ -48,7 +48,7 @@ from emgface.fit.strays import left_out
 from emgface.fit.targets import Target, sheets
 from emgface.fit.triangulated import Floats
 
-LARGEST_MISS: Final = {"skin": 1.0e-3, "inner": 1.5e-3, "bone": 1.5e-3}
+LARGEST_SURFACE_MISS: Final = {"skin": 1.0e-3, "inner": 1.5e-3, "bone": 1.5e-3}
 """Largest mean distance of the fitted face from a surface that is accepted [m].
 
 One millimetre is the accuracy of the surfaces in Bucki et al. 2010.
@@ -105,7 +105,7 @@ def fit_face(
     unit: str | None = None,
     on_face: Marks | None = None,
     rim: bool = False,
-    noise: float = NOISE,
+    noise: float = LANDMARK_NOISE,
     thickness: float = 0.0,
     courses: Mapping[str, Any] | None = None,
     volumes: Mapping[str, float] | None = None,
@@ -151,7 +151,7 @@ def fit_face(
         source, corners, paired.points, targets, noise=noise, progress=progress,
         fixed_rows=thick if prior is not None and targets else None,
     )  # fmt: skip
-    depth = SPREAD * float(np.median(columns.thickness(source)))
+    depth = THICKNESS_SPREAD * float(np.median(columns.thickness(source)))
     unexpected = [
         unexpected_part(
             target, result.stages["spline"], paired.points, noise,
@@ -323,7 +323,7 @@ def _beyond(
             skin = target.sheet.at(fitted["position"].values)
             every = points_of_face(fitted)
             # markers of the forehead are beyond the mesh, whose shape they do not concern
-            own = skin.nearest(np.array(list(every.values()))).distance <= UNCOVERED
+            own = skin.nearest(np.array(list(every.values()))).distance <= UNCOVERED_DISTANCE
             points = {name: at for (name, at), on in zip(every.items(), own, strict=True) if on}
             doubt = uncovered_points(target.surface, points, names, scans["skin"].source)
             return [doubt] if doubt else []
@@ -352,7 +352,7 @@ def _check_distances(table: pd.DataFrame, scans: Mapping[str, Scan]) -> None:
     """Refuse a fit that misses one of its surfaces."""
     last = table[table["stage"] == "relaxed"]
     for row in last.to_dict("records"):
-        limit = 1e3 * LARGEST_MISS[row["surface"]]
+        limit = 1e3 * LARGEST_SURFACE_MISS[row["surface"]]
         if not row["mean"] <= limit:
             raise FitError(
                 f"the fitted face misses {scans[row['surface']].source} by {row['mean']:.3g} mm in the "

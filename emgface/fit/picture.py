@@ -9,18 +9,19 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 
 from analysis.figures.style import blank, grid, styled
+from emgface.face.check import TO_MM
 from emgface.fit.deform import Deformed
 from emgface.fit.targets import Target
 from emgface.fit.triangulated import Floats, Surface
 from emgface.pictures.body import body_of, skin_of
-from emgface.pictures.render import DISPLACEMENT, MM, SIDES, VIEWS, window_of
+from emgface.pictures.render import DISPLACEMENT, PICTURE_VIEWS, VIEWS, window_of
 from emgface.pictures.stills import marks, paint
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MISSING: Final = (0.62, 0.62, 0.62)  #: colour of skin without a counterpart on the surface
-SHARE: Final = 0.98  #: quantile at which the scale of colours ends
+COLOUR_QUANTILE: Final = 0.98  #: quantile at which the scale of colours ends
 
 
 class FittedSurface(Protocol):
@@ -61,15 +62,15 @@ def fit_figure(fitted: FittedSurface) -> "Figure":
     figure = blank(8.6, 2.9 * len(rows) + 0.4)
     kind = "simulated" if face.attrs["fit_of"] == "simulated" else "measured"
     cast(Any, figure).suptitle(f"{face.attrs['name']} (fitted to {kind} data)")
-    panels = grid(figure, len(rows), len(SIDES))
+    panels = grid(figure, len(rows), len(PICTURE_VIEWS))
     colours = LinearSegmentedColormap.from_list("", DISPLACEMENT)
     for row, (what, value) in enumerate(rows):
         own = value[skin.node]
-        top = float(np.nanquantile(own, SHARE)) if np.isfinite(own).any() else 1.0
+        top = float(np.nanquantile(own, COLOUR_QUANTILE)) if np.isfinite(own).any() else 1.0
         norm = Normalize(0.0, max(top, 0.05))
         painted = np.asarray(colours(norm(np.nan_to_num(own))))[:, :3]
         painted[~np.isfinite(own)] = MISSING
-        for column, side in enumerate(SIDES):
+        for column, side in enumerate(PICTURE_VIEWS):
             panel = panels[row][column]
             window = window_of(q[skin.node], VIEWS[side], 0.02)
             paint(panel, body, q[skin.node], VIEWS[side], window, colour=painted)
@@ -77,8 +78,8 @@ def fit_figure(fitted: FittedSurface) -> "Figure":
                 panel.set_title(side)
                 points = fitted.deformed.landmarks.target
                 marks(panel, points, VIEWS[side], marker="x", markersize=3.5, color="black")
-                panel.set_xlim(MM * window.left, MM * window.right)
-                panel.set_ylim(MM * window.bottom, MM * window.top)
+                panel.set_xlim(TO_MM * window.left, TO_MM * window.right)
+                panel.set_ylim(TO_MM * window.bottom, TO_MM * window.top)
         bar = cast(Any, figure).colorbar(
             ScalarMappable(norm, colours),
             ax=np.array(panels[row]),
@@ -94,7 +95,7 @@ def distance_at(surface: Surface, q: Floats) -> Floats:
     """Distance (n,) of points [mm]; NaN where the surface has a hole or ends."""
     near = surface.nearest(q)
     border = surface.at_border(near) if len(surface.open_edges) else np.zeros(len(q), dtype=bool)
-    return np.where(border, np.nan, MM * near.distance)
+    return np.where(border, np.nan, TO_MM * near.distance)
 
 
 def _at_nodes(node: Any, value: Any, n: int) -> Floats:

@@ -19,21 +19,22 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from emgface.errors import FitError
-from emgface.fit.columns import SPREAD, Columns
+from emgface.fit.columns import THICKNESS_SPREAD, Columns
 from emgface.fit.inputs import OFF
 from emgface.fit.similarity import similarity
 from emgface.fit.strays import CLICK, PROPORTION, STRAY, spread_of_spline
 from emgface.fit.targets import LandmarkPoints, Target
 from emgface.fit.triangulated import Floats, Surface
 
-NEAR_SKIN: Final = (
-    2.0  #: largest distance of landmarks from the skin without a doubt, in deviations
-)
-BENEATH: Final = 2e-3  #: smallest distance of the landmarks from bone or an inner surface [m]
-CHANCE: Final = 1e-3  #: probability that landmarks of one pose are doubted [1]
-LARGE: Final = 0.1  #: area of a part of a surface, relative to the largest, that may be a layer [1]
+#: largest distance of landmarks from the skin without a doubt, in deviations
+NEAR_SKIN: Final = 2.0
+#: smallest distance of the landmarks from bone or an inner surface [m]
+LANDMARK_TO_BONE: Final = 2e-3
+DOUBT_CHANCE: Final = 1e-3  #: probability that landmarks of one pose are doubted [1]
+#: area of a part of a surface, relative to the largest, that may be a layer [1]
+LAYER_AREA_SHARE: Final = 0.1
 LAYER: Final = 0.01  #: largest distance of a second layer from the first [m]
-HUBER: Final = 2.0  #: distance in deviations from which a landmark counts linearly
+LANDMARK_HUBER: Final = 2.0  #: distance in deviations from which a landmark counts linearly
 MISSED: Final = 5e-3
 """Distance of the fitted face from a landmark that is doubted, or five deviations of it [m].
 
@@ -46,15 +47,17 @@ LEFT: Final = 1.25
 The root mean square of 16 fits of 8 sound jaws is at most 1.0, of the same with a surface moved by 4 mm
 at least 1.46.
 """
-OTHER: Final = {
+OTHER_SURFACE: Final = {
     "inner": "bone, whose triangles face the tissue",
     "bone": "the inner surface of the tissue, whose triangles face the bone",
 }
 REGION: Final = 4  #: smallest number of nodes around a landmark over which a depth is judged
 THINNEST: Final = 1e-4  #: depth of a surface that lies on the skin or outside [m]
-STEPS: Final = 5  #: number of steps to the motion of the landmarks
-UNCOVERED: Final = 0.01  #: distance of a named point of a face from a scan that ends before it [m]
-POINTS: Final = 3000  #: number of points of a surface that are compared with the prediction
+LANDMARK_STEPS: Final = 5  #: number of steps to the motion of the landmarks
+#: distance of a named point of a face from a scan that ends before it [m]
+UNCOVERED_DISTANCE: Final = 0.01
+#: number of points of a surface that are compared with the prediction
+COMPARED_POINTS: Final = 3000
 
 
 def check_landmarks_on(
@@ -81,7 +84,7 @@ def check_landmarks_on(
     miss = float(np.sqrt(np.mean(near.distance[points.on_skin] ** 2)))
     sigma = max(noise, CLICK)
     gain, size = motion_onto(skin, points.target[points.on_skin], sigma)
-    if gain > chi2.isf(CHANCE, 6):
+    if gain > chi2.isf(DOUBT_CHANCE, 6):
         return (
             f"the landmarks lie {1e3 * miss:.2g} mm rms from {name}, and fit it much better after a "
             f"common motion by about {1e3 * size:.2g} mm: check whether they are of the same scan and "
@@ -98,7 +101,8 @@ def check_landmarks_on(
 def motion_onto(skin: Surface, points: Floats, sigma: float) -> tuple[float, float]:
     """Reduction of the squared distances from a surface by a rigid motion, and its mean size [m].
 
-    Squares are in units of `sigma` [m], and linear beyond `HUBER`, so that one point decides little.
+    Squares are in units of `sigma` [m], and linear beyond `LANDMARK_HUBER`, so that one point
+    decides little.
     """
 
     def away(x: Floats) -> tuple[Floats, Floats, float]:
@@ -106,15 +110,17 @@ def motion_onto(skin: Surface, points: Floats, sigma: float) -> tuple[float, flo
         n = skin.normals[near.triangle]
         d = np.einsum("ni,ni->n", x - near.foot, n) / sigma
         size = np.abs(d)
-        loss = np.where(size < HUBER, size**2, HUBER * (2.0 * size - HUBER))
+        loss = np.where(
+            size < LANDMARK_HUBER, size**2, LANDMARK_HUBER * (2.0 * size - LANDMARK_HUBER)
+        )
         return d, n, float(loss.sum())
 
     d, n, first = away(points)
     centre, now, best, kept = points.mean(axis=0), points, first, points
     reach = np.linalg.norm(points - centre, axis=1).max()
-    for _ in range(STEPS):
+    for _ in range(LANDMARK_STEPS):
         A = np.column_stack([np.cross(now - centre, n) / reach, n])
-        weight = np.sqrt(np.minimum(1.0, HUBER / np.maximum(np.abs(d), 1e-12)))
+        weight = np.sqrt(np.minimum(1.0, LANDMARK_HUBER / np.maximum(np.abs(d), 1e-12)))
         x = -sigma * np.linalg.lstsq(weight[:, None] * A, weight * d, rcond=1e-3)[0]
         turn = Rotation.from_rotvec(x[:3] / reach).as_matrix()
         now = (now - centre) @ turn.T + centre + x[3:]
@@ -127,11 +133,11 @@ def motion_onto(skin: Surface, points: Floats, sigma: float) -> tuple[float, flo
 def check_landmarks_off(surface: Surface, points: LandmarkPoints, name: str, kind: str) -> None:
     """Refuse an inner surface, or one of bone, on which the landmarks of the skin lie."""
     near = surface.nearest(points.target[points.on_skin])
-    if len(near.distance) and (beneath := float(np.median(near.distance))) < BENEATH:
+    if len(near.distance) and (beneath := float(np.median(near.distance))) < LANDMARK_TO_BONE:
         raise FitError(
             f"the landmarks of the skin lie {1e3 * beneath:.2g} mm from {name} (median), which was "
-            f"given as {kind}; expected at least {1e3 * BENEATH:.0f} mm of soft tissue between them: "
-            "check whether this is the surface of the skin"
+            f"given as {kind}; expected at least {1e3 * LANDMARK_TO_BONE:.0f} mm of soft tissue "
+            "between them: check whether this is the surface of the skin"
         )
 
 
@@ -144,7 +150,7 @@ def second_layer(surface: Surface, name: str) -> str | None:
     first, *others = np.argsort(area)[::-1].tolist()
     largest = Surface(surface.points, t[part == first])
     for other in others:
-        if area[other] < LARGE * area[first]:
+        if area[other] < LAYER_AREA_SHARE * area[first]:
             break
         own = np.flatnonzero(part == other)
         near = largest.nearest(surface.points[t[own]].mean(axis=1))
@@ -163,8 +169,9 @@ def implausible_thickness(
     """Doubt about a surface beneath the skin whose depth is not that of persons somewhere.
 
     The depth under a node of the skin is that of the face, scaled by the similarity of the landmarks,
-    with the deviation `SPREAD` of its logarithm. The median over the nodes nearest to a landmark is
-    judged by the limit for proportions: two surfaces of different persons may each be sound.
+    with the deviation `THICKNESS_SPREAD` of its logarithm. The median over the nodes nearest to a
+    landmark is judged by the limit for proportions: two surfaces of different persons may each be
+    sound.
     """
     columns, source = Columns.from_face(face), face["position"].values
     motion = similarity(points.source, points.target)
@@ -177,7 +184,7 @@ def implausible_thickness(
     own = beneath.sheet.nodes if beneath.only is None else beneath.only
     use = np.isin(bottom, own) & ~skin.at_border(over) & ~beneath.surface.at_border(under)
     owner = cdist(points.source, source[node]).argmin(axis=0)
-    worst, evidence = PROPORTION * SPREAD, None
+    worst, evidence = PROPORTION * THICKNESS_SPREAD, None
     for k in np.unique(owner[use]).tolist():
         here = use & (owner == k)
         if here.sum() < REGION:
@@ -189,7 +196,7 @@ def implausible_thickness(
     if evidence is None:
         return None
     landmark, there, wanted = evidence
-    least, most = (1e3 * wanted * np.exp(s * PROPORTION * SPREAD) for s in (-1.0, 1.0))
+    least, most = (1e3 * wanted * np.exp(s * PROPORTION * THICKNESS_SPREAD) for s in (-1.0, 1.0))
     return (
         f"{name} lies {1e3 * there:.1f} mm beneath the skin around landmark {landmark}, expected "
         f"{least:.1f} to {most:.1f} mm: check whether both surfaces are of the same person and pose"
@@ -198,11 +205,11 @@ def implausible_thickness(
 
 def other_side(kind: str, name: str) -> str | None:
     """Doubt about a surface beneath the skin whose triangles had to be turned."""
-    if kind not in OTHER:
+    if kind not in OTHER_SURFACE:
         return None
     return (
         f"the triangles of {name}, given as {kind}, face the other way, and were turned: check whether "
-        f"it is {OTHER[kind]}"
+        f"it is {OTHER_SURFACE[kind]}"
     )
 
 
@@ -252,7 +259,7 @@ def uncovered_points(
     if not names:
         return None
     distance = surface.nearest(np.array([points[point] for point in names])).distance
-    far = _beyond(names, distance, UNCOVERED)
+    far = _beyond(names, distance, UNCOVERED_DISTANCE)
     if not far:
         return None
     return (
@@ -294,7 +301,7 @@ def _apart(target: Target, spline: Floats) -> tuple[Floats, Floats]:
         near, other = target.surface.nearest(at), target.surface
     else:
         samples = target.surface.samples[0]
-        at, other = samples[:: -(-len(samples) // POINTS)], target.sheet.at(spline)
+        at, other = samples[:: -(-len(samples) // COMPARED_POINTS)], target.sheet.at(spline)
         near = other.nearest(at)
     use = ~other.at_border(near)
     return at[use], near.distance[use]

@@ -20,14 +20,14 @@ from emgface.errors import FitError
 from emgface.fit.triangulated import Floats, Integers
 from sim.prestretch import initial_stretch, stretch_field
 
-DIRECTIONS: Final[Mapping[str, Floats]] = {
+PROBE_DIRECTIONS: Final[Mapping[str, Floats]] = {
     "inward": np.array([0.0, 0.0, -1.0]),
     "along": np.array([1.0, 0.0, 0.0]),
     "across": np.array([0.0, 1.0, 0.0]),
 }
 """Directions in which the probe moves; the force of a curve is that along its direction."""
 BALANCE: Final = sim.Static(tolerance=1e-9, residual_tolerance=1e-7)
-MOST: Final = 0.5e-3  #: largest motion of the probe between two equilibria [m]
+LARGEST_PROBE_STEP: Final = 0.5e-3  #: largest motion of the probe between two equilibria [m]
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def probe_forces(
     curves: Mapping[str, Sequence[float] | Floats],
     prestress: tuple[float, float] = (0.0, 0.0),
 ) -> dict[str, Floats]:
-    """Forces [N] of the probe at its displacements [m], by direction (`DIRECTIONS`).
+    """Forces [N] of the probe at its displacements [m], by direction (`PROBE_DIRECTIONS`).
 
     `prestress` is that along x and y [Pa]. Raises FitError if there is no equilibrium.
     """
@@ -70,7 +70,7 @@ def probe_forces(
         stretch = stretch_field(np.tile(np.eye(3), (grid.elements, 1, 1)), stretches)
     return {
         name: _forces(
-            grid, material, stretch, DIRECTIONS[name], np.asarray(given, dtype=np.float64)
+            grid, material, stretch, PROBE_DIRECTIONS[name], np.asarray(given, dtype=np.float64)
         )
         for name, given in curves.items()
     }
@@ -81,7 +81,7 @@ def _forces(
 ) -> Floats:
     """Forces at displacements, each from the equilibrium of the one before."""
     ends = np.concatenate([[0.0], given])
-    parts = np.maximum(1, np.ceil(np.diff(ends) / MOST)).astype(int)
+    parts = np.maximum(1, np.ceil(np.diff(ends) / LARGEST_PROBE_STEP)).astype(int)
     path = np.concatenate([[0.0], *(
         a + (b - a) * np.arange(1, n + 1) / n
         for a, b, n in zip(ends[:-1], ends[1:], parts, strict=True)

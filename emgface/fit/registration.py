@@ -19,19 +19,12 @@ from emgface.errors import FitError
 from emgface.fit.similarity import GROWTH, Similarity
 from emgface.fit.triangulated import Floats, Nearest, Surface
 
-POINTS: Final = 1500  #: number of points of a surface in the iteration of closest points
-CONTROLS: Final = 400  #: number of points of a surface that determine the smooth map
-ITERATIONS: Final = 100
-SETTLED: Final = 1e-7  #: motion of the last step [m]
-ROUNDS: Final = (
-    4e-3,
-    3e-3,
-    2e-3,
-    1.4e-3,
-    1e-3,
-    0.7e-3,
-    0.5e-3,
-)  #: standard deviations of the nearest points [m]
+CLOSEST_POINTS: Final = 1500  #: number of points of a surface in the iteration of closest points
+MAP_CONTROLS: Final = 400  #: number of points of a surface that determine the smooth map
+CLOSEST_POINT_ITERATIONS: Final = 100
+SETTLED_MOTION: Final = 1e-7  #: motion of the last step [m]
+#: standard deviations of the nearest points [m]
+POINT_SPREADS: Final = (4e-3, 3e-3, 2e-3, 1.4e-3, 1e-3, 0.7e-3, 0.5e-3)
 
 Map = Callable[[Floats], Floats]
 
@@ -48,10 +41,10 @@ def closest_points(
     It is rigid, or a similarity if `scaled`. The motion from `start` to the result may be about 15
     degrees and 15 mm.
     """
-    step = max(1, len(moving.points) // POINTS)
+    step = max(1, len(moving.points) // CLOSEST_POINTS)
     points, normals = moving.points[::step], moving.point_normals[::step]
     now = start or Similarity(1.0, np.eye(3), np.zeros(3))
-    for _ in range(ITERATIONS):
+    for _ in range(CLOSEST_POINT_ITERATIONS):
         p, n = now(points), normals @ now.rotation.T
         near = target.nearest(p, n)
         use = near.agrees & ~target.at_border(near)
@@ -77,7 +70,7 @@ def closest_points(
         grow = 1.0 + (x[6] if scaled else 0.0)
         shift = centre + x[3:6] - grow * turn @ centre
         now = Similarity(grow * now.scale, turn @ now.rotation, grow * turn @ now.shift + shift)
-        if np.abs(x * unit).max() < SETTLED:
+        if np.abs(x * unit).max() < SETTLED_MOTION:
             break
     return now
 
@@ -122,17 +115,17 @@ def smooth_map(
     of its target, or several times as far from it as the others, is not paired.
     """
     mapping = SmoothMap(motion)
-    for noise in ROUNDS:
+    for noise in POINT_SPREADS:
         source, target, spread = [], [], []
         for moving, aim in pairs:
             own = Surface(mapping(moving.points), moving.triangles)
-            pick = np.arange(0, len(moving.points), max(1, len(moving.points) // CONTROLS))
+            pick = np.arange(0, len(moving.points), max(1, len(moving.points) // MAP_CONTROLS))
             near = aim.nearest(own.points[pick], own.point_normals[pick])
             use = _paired(near, aim)
             source.append(moving.points[pick][use])
             target.append(near.foot[use])
             # in the other direction, so that no part of the target remains uncovered
-            pick = np.arange(0, len(aim.points), max(1, len(aim.points) // CONTROLS))
+            pick = np.arange(0, len(aim.points), max(1, len(aim.points) // MAP_CONTROLS))
             near = own.nearest(aim.points[pick], aim.point_normals[pick])
             back = _paired(near, own)
             corners = moving.points[own.triangles[near.triangle[back]]]

@@ -12,8 +12,8 @@ import pandas as pd
 import xarray as xr
 
 from emgface.files import write_text
-from emgface.fit.carry import CHANGED
-from emgface.fit.columns import SPREAD
+from emgface.fit.carry import LISTED_STRAIN
+from emgface.fit.columns import THICKNESS_SPREAD
 from emgface.fit.person import Fitted
 from emgface.fit.picture import fit_figure
 from emgface.pictures.page import environment, laid_out, policy, style, svg_of
@@ -21,7 +21,7 @@ from emgface.pictures.page import environment, laid_out, policy, style, svg_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-STAGES = {
+FIT_STAGES = {
     "similarity": "after the similarity",
     "spline": "thin-plate spline",
     "mechanics": "spline by mechanics",
@@ -111,20 +111,20 @@ def summary(fitted: Fitted) -> list[str]:
         said.append(
             "No data determine the thickness of the tissue where neither an inner surface nor bone was "
             f"given. It is that of the source face times the scale of the landmarks, with a standard "
-            f"deviation of {SPREAD:.0%} from published norms; the interval in the figure contains 90 % "
-            "of people of such a group."
+            f"deviation of {THICKNESS_SPREAD:.0%} from published norms; the interval in the figure "
+            "contains 90 % of people of such a group."
         )
-    changed = fitted.fibres[np.abs(fitted.fibres["change"]) > CHANGED]
+    changed = fitted.fibres[np.abs(fitted.fibres["change"]) > LISTED_STRAIN]
     said.append(
         f"{len(changed)} of {len(fitted.fibres)} fibres differ in length from the affine prediction by "
-        f"more than {CHANGED:.0%}."
+        f"more than {LISTED_STRAIN:.0%}."
     )
     return said
 
 
 def _tables(fitted: Fitted) -> dict[str, tuple[str, pd.DataFrame]]:
     distance = fitted.distance.assign(
-        stage=fitted.distance["stage"].map(STAGES), covered=100.0 * fitted.distance["covered"]
+        stage=fitted.distance["stage"].map(FIT_STAGES), covered=100.0 * fitted.distance["covered"]
     ).rename(columns={"mean": "mean [mm]", "q95": "95 % [mm]", "largest": "largest [mm]",
                       "covered": "covered [%]"})  # fmt: skip
     landmarks = fitted.landmarks.rename(

@@ -23,10 +23,10 @@ from emgface.errors import FitError, listed
 from emgface.files import replace_file
 from emgface.fit.images import combined_stacks, region_around, without_bias
 from emgface.fit.readers.landmarks import landmarks_of, plain
-from emgface.fit.readers.volumes import ENDINGS, read_image, toolkit, volume_of
+from emgface.fit.readers.volumes import VOLUME_ENDINGS, read_image, toolkit, volume_of
 from emgface.fit.triangulated import Floats
 
-OVERLAP: Final = 0.1  #: largest share of a part that may belong to another, too [1]
+LARGEST_PART_OVERLAP: Final = 0.1  #: largest share of a part that may belong to another, too [1]
 LABELS: Final = (1, 65_535)  #: smallest and largest label
 
 
@@ -114,7 +114,7 @@ def segmented(
 def ending_of_labels(path: str | os.PathLike[str]) -> str:
     """Ending of a file of labels; FitError for one that volumes in one file do not have."""
     name = Path(path).name
-    ending = next((one for one in ENDINGS if name.lower().endswith(one)), "")
+    ending = next((one for one in VOLUME_ENDINGS if name.lower().endswith(one)), "")
     if ending not in (".nii", ".nii.gz", ".nrrd", ".mha"):
         raise FitError(
             f"{name} has the ending of no volume in one file, expected .nii, .nii.gz, .nrrd or .mha"
@@ -218,10 +218,11 @@ def _labels(
         for other, number in parts.items():
             both = int((mask & (labels == number)).sum())
             least = min(int(mask.sum()), int((labels == number).sum()))
-            if both > OVERLAP * least:
+            if both > LARGEST_PART_OVERLAP * least:
                 raise FitError(
                     f"{part} and {other} overlap by {both / least:.0%} of the smaller one, expected at "
-                    f"most {OVERLAP:.0%}: their intensities do not separate them, add clicks"
+                    f"most {LARGEST_PART_OVERLAP:.0%}: their intensities do not separate them, add "
+                    "clicks"
                 )
             if both:
                 notes.append(f"{both} voxels of {part} are of {other}, which was given first.")

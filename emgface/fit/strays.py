@@ -26,14 +26,16 @@ from scipy.stats import chi2
 from emgface.errors import FitError, listed
 from emgface.fit.similarity import GROWTH, Floats, misfit, similarity
 
-LEAST: Final = 7  #: smallest number of landmarks of which one can be judged by the others
+#: smallest number of landmarks of which one can be judged by the others
+LEAST_JUDGED_LANDMARKS: Final = 7
 CLICK: Final = 1.5e-3  #: smallest standard deviation of a landmark in these tests [m]
 STRAY: Final = 5.0
 """Number of standard deviations, per coordinate, by which a landmark may miss its expected place.
 
 Correct landmarks of the two published faces and of 25 generated ones are within 3.7.
 """
-FEW: Final = 2e-3  #: the same of the place that a similarity of fewer landmarks predicts [m]
+#: the same of the place that a similarity of fewer landmarks predicts [m]
+STRAY_OF_FEW: Final = 2e-3
 SUSPECT: Final = 2.0  #: number of standard deviations of landmarks that may be exchanged
 UNDONE: Final = 0.2  #: share of the squared error that remains if two exchanged names are corrected
 PROPORTION: Final = 2.5
@@ -41,10 +43,11 @@ PROPORTION: Final = 2.5
 
 Members of the generated groups are drawn within as many deviations of each measure.
 """
-SIDES: Final = 0.5  #: share of the misfit that remains if exchanged sides are corrected [1]
+#: share of the misfit that remains if exchanged sides are corrected [1]
+EXCHANGED_MISFIT_SHARE: Final = 0.5
 OTHER_SIDE: Final = {"left": "right", "right": "left", "l": "r", "r": "l"}
-AXES: Final = ("width", "depth", "height")  #: of a face or jaw along its axes
-COINCIDE: Final = 2e-4  #: distance at which two landmarks are at one place [m]
+AXIS_WORDS: Final = ("width", "depth", "height")  #: of a face or jaw along its axes
+LANDMARKS_COINCIDE: Final = 2e-4  #: distance at which two landmarks are at one place [m]
 
 
 class Predictions:
@@ -62,7 +65,7 @@ class Predictions:
     def of_similarity(cls, mapped: Floats, target: Floats) -> "Predictions":
         """Predictions of a similarity of few landmarks, with errors independent of each other."""
         few = object.__new__(cls)
-        few.B, few.target = np.eye(len(target)) / FEW**2, target
+        few.B, few.target = np.eye(len(target)) / STRAY_OF_FEW**2, target
         few.By = few.B @ (target - mapped)
         return few
 
@@ -95,12 +98,14 @@ def check_strays(
     landmarks without the one in question.
     """
     apart, before = cdist(target, target), cdist(source, source)
-    for i, j in np.argwhere(np.triu((apart < COINCIDE) & (before > 5.0 * COINCIDE), 1)):
+    for i, j in np.argwhere(
+        np.triu((apart < LANDMARKS_COINCIDE) & (before > 5.0 * LANDMARKS_COINCIDE), 1)
+    ):
         raise FitError(
             f"{given}: {names[i]} and {names[j]} are at one place, on the face "
             f"{1e3 * before[i, j]:.3g} mm apart: correct one of them"
         )
-    if len(names) < LEAST:
+    if len(names) < LEAST_JUDGED_LANDMARKS:
         mapped = similarity(source, target)(source)
         _check_exchanges(names, Predictions.of_similarity(mapped, target), given)
         return
@@ -156,9 +161,8 @@ def unusual_proportions(
     axis = int(np.argmax(np.abs(along)))
     size, most = (100.0 * float(np.expm1(x)) for x in (abs(stretch[k]), limit))
     way = "larger" if stretch[k] > 0.0 else "smaller"
-    direction = (
-        f"{'xyz'[axis]} of the files ({listed(np.round(along, 2))}; the {AXES[k]} of the model)"
-    )
+    of_model = f"the {AXIS_WORDS[k]} of the model"
+    direction = f"{'xyz'[axis]} of the files ({listed(np.round(along, 2))}; {of_model})"
     return (
         f"{given}: along the axis {direction} the landmarks are {size:.0f} % {way} against the other "
         f"two axes, among persons at most {most:.0f} %: check the spacing of the slices, in the header "
@@ -209,7 +213,7 @@ def check_sides(names: Sequence[str], source: Floats, target: Floats, given: str
         after = misfit(similarity(source, target[order]), source, target[order])
         if after < best:
             best, wrong = after, some
-    if wrong and best < SIDES * before:
+    if wrong and best < EXCHANGED_MISFIT_SHARE * before:
         exchanged = listed(f"{names[i]} and {names[j]}" for i, j in wrong)
         raise FitError(
             f"{given}: the sides of {exchanged} seem to be exchanged: with their names corrected, the "
@@ -241,7 +245,7 @@ def spread_of_spline(at: Floats, places: Floats, noise: float) -> Floats:
 
 def left_out(source: Floats, target: Floats, noise: float) -> Floats:
     """Distance (n,) of every landmark from the place that the others predict [m]; NaN if they cannot."""
-    if len(source) < LEAST - 1:
+    if len(source) < LEAST_JUDGED_LANDMARKS - 1:
         return np.full(len(source), np.nan)
     errors, sd = Predictions(source, target, noise).errors()
     return np.where(np.isfinite(sd), np.linalg.norm(errors, axis=1), np.nan)

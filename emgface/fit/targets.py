@@ -16,7 +16,7 @@ from emgface.fit.triangulated import Floats, Integers, Surface
 
 LOOP_BAND = 3e-3  #: width of surface to which the springs of a contour are equivalent [m]
 BACK_SPRINGS = 6000  #: number of springs from a target to the mesh
-UNCOVERED = 0.35
+UNCOVERED_RATIO = 0.35
 """Distance from which a point of a fine target is not covered, relative to a triangle of a mesh [1]."""
 
 
@@ -81,7 +81,7 @@ class Pull:
     back: float = 1.0  #: factor on the springs from the target to the mesh [1]
     seed: int = 0  #: of the points of the target with springs
     #: distance from which points of a fine target have springs, relative to a triangle of the mesh [1]
-    beyond: float = UNCOVERED
+    beyond: float = UNCOVERED_RATIO
 
 
 @dataclass(frozen=True, eq=False)

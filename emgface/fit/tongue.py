@@ -22,17 +22,18 @@ from emgface.fit.corners import Corners
 from emgface.fit.deform import PULLS, TO_SPLINE, Progress, pull_to
 from emgface.fit.inputs import ORIGIN, facing, frame_of_inputs, in_face_frame, provenance
 from emgface.fit.measures import distances, quality_rows
-from emgface.fit.mechanics import FINE, FitTissue
+from emgface.fit.mechanics import FINE_TOLERANCE, FitTissue
 from emgface.fit.person import Given, scan_of
 from emgface.fit.readers.surfaces import Scan
-from emgface.fit.registration import CONTROLS, SmoothMap
+from emgface.fit.registration import MAP_CONTROLS, SmoothMap
 from emgface.fit.similarity import Similarity, similarity
 from emgface.fit.springs import Rows, at_nodes
 from emgface.fit.targets import Sheet, Target, pulling
 from emgface.fit.triangulated import Floats
 
 WITH_BONE: Final = 100.0  #: stiffness of the springs of a node that follows a bone [N/m]
-MISSES: Final = 1e-3  #: largest mean distance of the fitted tongue from its surface [m]
+#: largest mean distance of the fitted tongue from its surface [m]
+LARGEST_TONGUE_MISS: Final = 1e-3
 BONES: Final = ("jaw", "hyoid", "skull")  #: bodies whose surfaces determine the map
 
 
@@ -76,7 +77,7 @@ def fit_tongue(
     attached = tongue["attachment_node"].values.astype(np.int64)
     stiffness = np.full(len(X), TO_SPLINE)
     stiffness[attached] = WITH_BONE
-    q = tissue.settle(_springs(np.arange(len(X)), moved(X), stiffness), FINE)
+    q = tissue.settle(_springs(np.arange(len(X)), moved(X), stiffness), FINE_TOLERANCE)
     inputs: dict[str, Scan | None] = {}
     target, rows, notes = None, list[dict[str, Any]](), list[str]()
     if surface is not None:
@@ -128,10 +129,11 @@ def _target(
 
 
 def _check(miss: float, source: str) -> None:
-    if not miss <= 1e3 * MISSES:
+    if not miss <= 1e3 * LARGEST_TONGUE_MISS:
         raise FitError(
             f"the fitted tongue misses {source} by {miss:.3g} mm in the mean, expected at most "
-            f"{1e3 * MISSES:.3g} mm: check that it is the tongue of the person in the pose of the bones"
+            f"{1e3 * LARGEST_TONGUE_MISS:.3g} mm: check that it is the tongue of the person in the "
+            "pose of the bones"
         )
 
 
@@ -157,7 +159,7 @@ def _map_of_bones(before: xr.Dataset, after: xr.Dataset) -> SmoothMap:
     one, two = surfaces_of(before), surfaces_of(after)
     source, target = (
         np.concatenate([
-            s[body].points[:: max(1, len(s[body].points) // CONTROLS)] for body in BONES if body in s
+            s[body].points[:: max(1, len(s[body].points) // MAP_CONTROLS)] for body in BONES if body in s
         ])
         for s in (one, two)
     )  # fmt: skip
@@ -175,7 +177,7 @@ def _carried(tongue: xr.Dataset, q: Floats, moved: SmoothMap) -> xr.Dataset:
     X = tongue["position"].values
     result["position"].values[:] = q
     points = moved(tongue["fibre_position"].values)
-    pick = np.arange(0, len(X), max(1, len(X) // (2 * CONTROLS)))
+    pick = np.arange(0, len(X), max(1, len(X) // (2 * MAP_CONTROLS)))
     motion = similarity(X, q)
     inner = SmoothMap.through(motion, X[pick], q[pick], np.full(len(pick), 0.1e-3))
     in_tissue = np.ones(len(points), dtype=bool)

@@ -10,8 +10,9 @@ from scipy.spatial import KDTree
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-SAMPLE = 0.8e-3  #: distance of the samples on triangles by which nearest triangles are found [m]
-BLOCK = 20_000  #: number of points whose nearest points are found together, for the memory
+#: distance of the samples on triangles by which nearest triangles are found [m]
+TRIANGLE_SPACING = 0.8e-3
+POINTS_AT_ONCE = 20_000  #: number of points whose nearest points are found together, for the memory
 CANDIDATES = 8  #: number of samples whose triangles are tested for the nearest point
 
 
@@ -109,7 +110,7 @@ class Surface:
         Every triangle has a share of its area of a low-discrepancy sequence (R2 of Roberts), in the
         barycentric square folded on the triangle; the result is the same in every run.
         """
-        count = np.maximum(2, np.ceil(self.areas / SAMPLE**2)).astype(np.int64)
+        count = np.maximum(2, np.ceil(self.areas / TRIANGLE_SPACING**2)).astype(np.int64)
         owner = np.repeat(np.arange(len(count)), count)
         k = np.arange(1, len(owner) + 1)[:, None]
         u = (0.5 + k * np.array([0.7548776662466927, 0.5698402909980532])) % 1.0
@@ -132,10 +133,14 @@ class Surface:
         `wide` nearest samples has a normal within the `cosine` of its own.
         """
         parts = [
-            self._nearest(points[k : k + BLOCK], None if normals is None else normals[k : k + BLOCK],
-                          cosine, wide)
-            for k in range(0, max(1, len(points)), BLOCK)
-        ]  # fmt: skip
+            self._nearest(
+                points[k : k + POINTS_AT_ONCE],
+                None if normals is None else normals[k : k + POINTS_AT_ONCE],
+                cosine,
+                wide,
+            )
+            for k in range(0, max(1, len(points)), POINTS_AT_ONCE)
+        ]
         return Nearest(
             *(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Nearest))
         )

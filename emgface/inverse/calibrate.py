@@ -23,7 +23,7 @@ from emgface.inverse.calibration_trial import (
 from emgface.inverse.mixing import estimated_row, in_order_of
 from emgface.inverse.parameters import InverseParameters
 from emgface.inverse.regression import common_delay, profile, regressed
-from emgface.inverse.variants import RECORDED
+from emgface.inverse.variants import RECORDED_MUSCLES
 from emgface.muscles import LIP_MARKERS, MUSCLES
 from emgface.signals.activation import feature_range
 from emgface.signals.parameters import SignalChain
@@ -31,7 +31,7 @@ from sim.inverse import minimise_in_box
 from sim.state import Array
 from sim.threads import one_blas_thread
 
-ROUNDS = 8
+CALIBRATION_ROUNDS = 8
 """Iterations of expectation and maximisation."""
 OWN_DELAY = 0.01
 """Standard deviation of the delay of a muscle from that of the person [s]."""
@@ -111,7 +111,7 @@ def estimate(
     markers.
     """
     muscles, n = trials[0].muscles, len(trials[0].muscles)
-    recorded = np.array([m.rpartition("_")[0] in RECORDED for m in muscles])
+    recorded = np.array([m.rpartition("_")[0] in RECORDED_MUSCLES for m in muscles])
     active = [np.array([t.delayed(m, DELAY[0]).max() > 0.0 for m in range(n)]) for t in trials]
     estimated = recorded & np.any(active, axis=0)
     X = np.eye(n) if mixing is None else in_order_of(mixing, muscles)
@@ -168,7 +168,7 @@ def _maximised(
     profiles = [profile(e, a[:, i], variance[:, i], ERROR, per) for i, e in signals.items()]
     person = common_delay([one.cost for one in profiles])
     delay[:] = person
-    for _ in range(ROUNDS):
+    for _ in range(CALIBRATION_ROUNDS):
         starts, a, variance = expected(estimated)
         mixed, spread = a @ X.T, variance @ (X**2).T
         for i, e in signals.items():

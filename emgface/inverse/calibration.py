@@ -10,7 +10,7 @@ from emgface.inverse.signals import without_absent
 from emgface.signals.parameters import SignalChain
 from sim.state import Array
 
-SAME = 1e-6
+SAME_STRESS = 1e-6
 """Relative difference of sigma_max that counts as none."""
 
 
@@ -53,7 +53,7 @@ class Calibration:
                 f"the calibration is of volunteer '{attrs['volunteer']}', the recording of "
                 f"'{volunteer}': calibrate with trials of the same volunteer"
             )
-        if abs(sigma_max - attrs["sigma_max"]) > SAME * sigma_max:
+        if abs(sigma_max - attrs["sigma_max"]) > SAME_STRESS * sigma_max:
             raise ConfigurationError(
                 f"the calibration is for sigma_max = {attrs['sigma_max']:g} Pa, the study has "
                 f"{sigma_max:g} Pa, and gains are relative to it: calibrate again"

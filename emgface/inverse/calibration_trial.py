@@ -13,7 +13,7 @@ from emgface.inverse.kept import Kept
 from emgface.inverse.parameters import InverseParameters
 from emgface.inverse.problem import Problem, pose_problem
 from emgface.inverse.run import fitted
-from emgface.inverse.variants import RECORDED
+from emgface.inverse.variants import RECORDED_MUSCLES
 from emgface.signals.parameters import SignalChain
 from sim.inverse import LinearTargets, Quadratic
 from sim.state import Array
@@ -23,7 +23,7 @@ GAIN = 0.5, 0.5
 """Mean and standard deviation of the gain before the trials are known [1]."""
 DELAY = 0.04, 0.02
 """Mean and standard deviation of the delay of a person before the trials are known [s]."""
-ERROR, COUNTS = 0.25, 4.0
+ERROR, PRIOR_SAMPLES = 0.25, 4.0
 """Error of the sEMG before the trials are known [1], and the samples for which it counts."""
 
 Scales = tuple[Array, Array, Array]
@@ -135,7 +135,7 @@ def fit_trial(
     problem = pose_problem(recording, face, simulation, chain, p, settled=settled, session=session)
     muscles = problem.system.muscles
     emg = np.array([GAIN[0] * problem.delayed(m, DELAY[0]) for m in muscles]).T.clip(0.0, 1.0)
-    recorded = np.array([m.rpartition("_")[0] in RECORDED for m in muscles])
+    recorded = np.array([m.rpartition("_")[0] in RECORDED_MUSCLES for m in muscles])
     error = np.full(len(muscles), ERROR)
     weight = emg_precision(p.assumed, error, np.where(recorded, 1.0, 0.0), problem.h)
     density = p.assumed.density(emg[1:], weight, problem.h)

@@ -2,7 +2,7 @@
 
 from typing import Final, Literal
 
-from emgface.choices import OWN, Parameters, choice, parameter
+from emgface.choices import THIS_PACKAGE, Parameters, choice, parameter
 
 VARIANT: Final[dict[str, Literal["motion", "assisted"]]] = {
     "inverse": "motion",
@@ -20,11 +20,16 @@ class InverseConfiguration(Parameters):
         "takes about ten times as long.",
     )
     emg_weight: float = parameter(
-        1.0, "Weight of the sEMG in the strategy assisted.", source=OWN, ge=0
+        1.0, "Weight of the sEMG in the strategy assisted.", source=THIS_PACKAGE, ge=0
     )
     gain: float = parameter(
-        1.0, "Factor on the normalised sEMG in the strategy assisted.", source=OWN, gt=0
+        1.0, "Factor on the normalised sEMG in the strategy assisted.", source=THIS_PACKAGE, gt=0
     )
     delay: float = parameter(
-        0.04, "Time by which the sEMG precedes the activation.", unit="s", source=OWN, ge=0, le=0.2
+        0.04,
+        "Time by which the sEMG precedes the activation.",
+        unit="s",
+        source=THIS_PACKAGE,
+        ge=0,
+        le=0.2,
     )

@@ -10,18 +10,18 @@ from emgface.inverse.problem import Problem
 from emgface.recordings.quality import swapped_sides
 from sim.state import Array
 
-FOLLOWED = 0.5
+LARGEST_MISFIT = 0.5
 """Misfit over motion of the targets above which the face does not follow the markers [1]."""
 RESTING = 0.1
 """Motion within the first `emgface.inverse.markers.REST` over that of the trial above which a trial does
 not begin at rest [1]."""
 NOISY = 0.5
 """Noise over motion of a coordinate of the markers above which a trial contains no motion [1]."""
-RELATED, LAGS, FARTHEST = 0.5, (-0.15, 0.3), 1.0
+RELATED, LAGS, LARGEST_MOTION_LAG = 0.5, (-0.15, 0.3), 1.0
 """Correlation of sEMG and motion below which they are not related [1], lags of the motion that are
 expected, and the largest one that is compared [s]. In the twelve simulated trials of the documentation
 the correlation is 0.74 to 0.90 at lags of -0.10 to 0.18 s."""
-QUIET = 0.15
+LARGEST_QUIET_RATIO = 0.15
 """Smallest 25 % quantile, over the muscles, of the sEMG over its largest value, above which no muscle
 was quiet [1]. In these trials it is 0, and above 0.2 of noise."""
 
@@ -32,8 +32,8 @@ def signs(problem: Problem, recording: xr.Dataset, measured: bool) -> dict[str, 
     ``noise_ratio`` is the noise of the markers over their motion. With sEMG (`measured`),
     ``emg_agreement`` is the largest correlation of the sum of what exceeds the median of every muscle
     with electrodes with the size of the motion, ``emg_lag`` [s] the time by which the motion is then
-    later, ``emg_floor`` the quantity of `QUIET`, and ``exchanged_sides`` are the channels of
-    `swapped_sides`.
+    later, ``emg_floor`` the quantity of `LARGEST_QUIET_RATIO`, and ``exchanged_sides`` are the
+    channels of `swapped_sides`.
     """
     moved = problem.moved
     attrs: dict[str, Any] = {"noise_ratio": problem.noise / moved if moved > 0.0 else np.inf}
@@ -64,7 +64,7 @@ def agreement_of(emg: Array, motion: Array, h: float) -> tuple[float, float]:
     Lags leave at least half of the samples in common. NaN is not compared; without variation the
     correlation is 0.
     """
-    most, best = min(int(FARTHEST / h), len(emg) // 2), (0.0, 0.0)
+    most, best = min(int(LARGEST_MOTION_LAG / h), len(emg) // 2), (0.0, 0.0)
     for k in range(-most, most + 1):
         a = emg[: len(emg) - k] if k >= 0 else emg[-k:]
         b = motion[k:] if k >= 0 else motion[:k]
@@ -95,10 +95,11 @@ def doubts(result: xr.Dataset) -> list[str]:
             f"the markers move in the first 0.1 s by {result.attrs['rest_ratio']:.0%} of the motion of "
             "the trial, but their displacements are counted from there: begin the trial at rest"
         )
-    if not result.attrs["misfit_ratio"] <= FOLLOWED:
+    if not result.attrs["misfit_ratio"] <= LARGEST_MISFIT:
         sentences.append(
-            f"the face does not follow the markers: the misfit exceeds {FOLLOWED:.0%} of their motion. "
-            "Check names, axes and unit of the markers (`emgface check`) before using the result."
+            f"the face does not follow the markers: the misfit exceeds {LARGEST_MISFIT:.0%} of "
+            "their motion. Check names, axes and unit of the markers (`emgface check`) before "
+            "using the result."
         )
     sentences += _of_signals(result.attrs)
     return sentences
@@ -112,7 +113,7 @@ def _of_signals(attrs: Mapping[str, Any]) -> list[str]:
         ]
     sentences: list[str] = []
     agreement, lag = attrs.get("emg_agreement", 1.0), attrs.get("emg_lag", 0.0)
-    if attrs.get("emg_floor", 0.0) > QUIET:
+    if attrs.get("emg_floor", 0.0) > LARGEST_QUIET_RATIO:
         sentences.append(
             f"no muscle is quiet for a quarter of the trial (at least {attrs['emg_floor']:.0%} of its "
             "largest sEMG): the sEMG may be noise only, use --variant motion"

@@ -14,7 +14,7 @@ from emgface.signals.parameters import HeadFrameParameters, SignalChain
 from emgface.signals.resampling import resample
 from sim.state import Array
 
-REST = 0.1
+REST_MEAN_DURATION = 0.1
 """Duration at the start of a recording whose mean is the position at rest [s]."""
 UNKNOWN_NOISE = 1e-4
 """Noise of a coordinate that is assumed where the frames are too few to estimate it [m]."""
@@ -26,8 +26,8 @@ class Wanted:
 
     ``position`` (time, marker, axis) [m] is NaN while a marker is lost; ``scale`` is the ratio of
     the sizes of the two mouths [1], ``noise`` the standard deviation of a coordinate on the face
-    [m], and ``at_rest`` the root mean square displacement of a coordinate within the first `REST`
-    [m].
+    [m], and ``at_rest`` the root mean square displacement of a coordinate within the first
+    `REST_MEAN_DURATION` [m].
     """
 
     position: xr.DataArray
@@ -69,22 +69,22 @@ def wanted_positions(
     check_lips(lips)
     level = np.sqrt(np.nanmean(marker_noise(lips).values ** 2) / 3.0)
     position = _sampled(lips, start + time)
-    resting = position.values[time <= REST]
+    resting = position.values[time <= REST_MEAN_DURATION]
     begin = np.full(resting.shape[1:], np.nan)
     visible = np.asarray(np.isfinite(resting).any(axis=(0, 2)))
     begin[visible] = np.nanmean(resting[:, visible], axis=0)
     for name, seen in zip(LIP_MARKERS, visible, strict=True):
         if not seen and name not in left_out:
             raise MarkerError(
-                f"marker {name} is not visible in the first {REST:g} s, expected the mouth at rest: "
-                "begin the trial earlier, or leave the marker out"
+                f"marker {name} is not visible in the first {REST_MEAN_DURATION:g} s, expected the "
+                "mouth at rest: begin the trial earlier, or leave the marker out"
             )
     size = [_size(x[visible]) for x in (rest, begin)]
     if not min(size) > 0.0:
         raise MarkerError(
-            f"{int(visible.sum())} lip markers are visible in the first {REST:g} s, expected at least "
-            "two, because the size of the mouth is computed from their distances: begin the "
-            "trial earlier"
+            f"{int(visible.sum())} lip markers are visible in the first {REST_MEAN_DURATION:g} s, "
+            "expected at least two, because the size of the mouth is computed from their "
+            "distances: begin the trial earlier"
         )
     scale = float(size[0] / size[1])
     if not 1.0 / LARGEST_RATIO <= scale <= LARGEST_RATIO:
@@ -97,7 +97,7 @@ def wanted_positions(
         position.copy(data=rest + moved),
         scale,
         scale * float(level if np.isfinite(level) else UNKNOWN_NOISE),
-        float(np.sqrt(np.nanmean(moved[time <= REST] ** 2))),
+        float(np.sqrt(np.nanmean(moved[time <= REST_MEAN_DURATION] ** 2))),
     )
 
 

@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 
 from emgface.errors import DataError
-from emgface.inverse.variants import RECORDED
+from emgface.inverse.variants import RECORDED_MUSCLES
 from emgface.muscles import MUSCLES
 from emgface.texts import labelled, open_text
 from sim.inverse import minimise_in_box
 from sim.scene import Index
 from sim.state import Array
 
-SHARE: Final = 0.1
+SHARE_SD: Final = 0.1
 """Standard deviation of a share before the trials are known [1]."""
 
 
@@ -38,7 +38,7 @@ def read_mixing(path: Path) -> Array:
             f"{path} cannot be read as a mixing matrix ({error}): expected a CSV file with a row for "
             "every muscle with electrodes and a column for every muscle"
         ) from error
-    recorded = [m for m in MUSCLES if m.rpartition("_")[0] in RECORDED]
+    recorded = [m for m in MUSCLES if m.rpartition("_")[0] in RECORDED_MUSCLES]
     for kind, names, known in (
         ("row", table.index, recorded),
         ("column", table.columns, list(MUSCLES)),
@@ -73,8 +73,8 @@ def estimated_row(
 ) -> Array:
     """Shares (n_muscles,) of the muscles in one signal, by bounded regression.
 
-    They minimise weight |signal - a_own - sum_j x_j a_j|^2 + sum_j (x_j / `SHARE`)^2 within 0-1, in the
-    mean over the posterior of the activations a.
+    They minimise weight |signal - a_own - sum_j x_j a_j|^2 + sum_j (x_j / `SHARE_SD`)^2 within 0-1,
+    in the mean over the posterior of the activations a.
 
     Parameters
     ----------
@@ -87,7 +87,10 @@ def estimated_row(
         Inverse variance of a sample.
     """
     a = activation[:, other]
-    Q = weight * (a.T @ a + np.diag(variance[:, other].sum(axis=0))) + np.eye(len(other)) / SHARE**2
+    Q = (
+        weight * (a.T @ a + np.diag(variance[:, other].sum(axis=0)))
+        + np.eye(len(other)) / SHARE_SD**2
+    )
     c = weight * a.T @ (signal - activation[:, own])
     row = np.zeros(activation.shape[1])
     row[own] = 1.0

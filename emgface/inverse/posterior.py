@@ -8,8 +8,9 @@ from scipy.special import ndtr, ndtri
 
 from sim.state import Array
 
-CHAINS, BURN = 64, 30  #: number of chains, and default of the sweeps before the first draw
-BLOCK = 20  #: number of variables after which the gradients of all others are updated
+CHAINS, DEFAULT_BURN = 64, 30  #: number of chains, and default of the sweeps before the first draw
+#: number of variables after which the gradients of all others are updated
+VARIABLES_PER_UPDATE = 20
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Posterior:
         self,
         n: int = 1000,
         seed: int = 0,
-        burn: int = BURN,
+        burn: int = DEFAULT_BURN,
         apart: int = 1,
         centre: Array | None = None,
     ) -> Array:
@@ -55,8 +56,8 @@ class Posterior:
         n_all, samples = len(sd), list[Array]()
         gradient = (x - self.mean) @ precision
         for sweep in range(burn + apart * (-(-n // CHAINS))):
-            for first in range(0, n_all, BLOCK):
-                block = slice(first, min(first + BLOCK, n_all))
+            for first in range(0, n_all, VARIABLES_PER_UPDATE):
+                block = slice(first, min(first + VARIABLES_PER_UPDATE, n_all))
                 here, begin = gradient[:, block].copy(), x[:, block].copy()
                 near = precision[block, block]
                 for k, i in enumerate(range(block.start, block.stop)):

@@ -18,11 +18,11 @@ from sim.inverse import (
 )
 from sim.state import Array
 
-LEVEL = 0.9
+INTERVAL_PROBABILITY = 0.9
 """Probability of the intervals."""
-ITERATIONS = 3
+REFINE_ITERATIONS = 3
 """Iterations before the error of the model is estimated."""
-DRAWS, BURN, APART = 640, 100, 10
+DRAWS, REFINE_BURN, APART = 640, 100, 10
 """Draws from the posterior, and sweeps before the first of a chain and between its draws."""
 ONE_SIDED = 0.2
 """Ratio of its bounds below which an interval begins at 0."""
@@ -95,8 +95,8 @@ def refine(
 
     The posterior is normal about the linearisation at the most probable activations, within 0-1
     (Laplace); its intervals are those of `intervals` from `draws` draws, NaN without any. If the error
-    of the model is to be estimated, the residual after `ITERATIONS` iterations is that of the model and
-    the noise, and at least one more follows.
+    of the model is to be estimated, the residual after `REFINE_ITERATIONS` iterations is that of
+    the model and the noise, and at least one more follows.
 
     Parameters
     ----------
@@ -138,12 +138,12 @@ def refine(
     known = replace(assumed, model_error=state.model_error)
     weight, begin = marker_precision(known, target, rest, noise, h), state.coefficients
     if state.model_error is None:
-        begin = fitted(begin, max(min(ITERATIONS, iterations) - state.done, 0)).linearised
+        begin = fitted(begin, max(min(REFINE_ITERATIONS, iterations) - state.done, 0)).linearised
         relative_error = min(model_error(begin, target, rest, noise), MOST_ERROR)
-        state = Begun(begin.coefficients, ITERATIONS, relative_error)
+        state = Begun(begin.coefficients, REFINE_ITERATIONS, relative_error)
         known = replace(assumed, model_error=relative_error)
         weight = marker_precision(known, target, rest, noise, h)
-        iterations = max(iterations, ITERATIONS + 1)
+        iterations = max(iterations, REFINE_ITERATIONS + 1)
     last = fitted(begin, max(iterations - state.done, 0))
     final = last.linearised
     problem = final.normal(weight) + before
@@ -151,7 +151,7 @@ def refine(
     low = high = np.full((len(time), n), np.nan)
     if draws:
         centre = final.coefficients.ravel()
-        drawn = posterior.draws(draws, burn=BURN, apart=APART, centre=centre)
+        drawn = posterior.draws(draws, burn=REFINE_BURN, apart=APART, centre=centre)
         strengths = np.random.default_rng(1).standard_normal((draws, 1, n))
         drawn = drawn.reshape(draws, splines.n, n) * np.exp(density.spread * strengths)
         low, high = intervals(np.einsum("tk,dkn->dtn", B, drawn).clip(0.0, 1.0))
@@ -169,7 +169,7 @@ def model_error(linearised: Linearised, target: PointTarget, rest: Array, noise:
     return float(np.sqrt(max(residual - noise**2, 0.0) / max(moved, 1e-300)))
 
 
-def intervals(draws: Array, level: float = LEVEL) -> tuple[Array, Array]:
+def intervals(draws: Array, level: float = INTERVAL_PROBABILITY) -> tuple[Array, Array]:
     """Bounds of intervals that contain a share of draws (n, ...) of activations.
 
     They are the shortest, which contain the densest values. One that begins below `ONE_SIDED` of its

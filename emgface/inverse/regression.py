@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from emgface.inverse.calibration_trial import COUNTS, DELAY, ERROR, GAIN
+from emgface.inverse.calibration_trial import DELAY, ERROR, GAIN, PRIOR_SAMPLES
 from sim.state import Array
 
 DELAYS = np.arange(0.0, 0.1201, 0.005)
 """Delays compared [s]."""
-SMALLEST = 0.02
+SMALLEST_EMG_ERROR = 0.02
 """Smallest error of the sEMG [1]."""
 
 
@@ -55,8 +55,8 @@ def regressed(
     """Gain, delay [s] and error of one muscle, from `n` samples.
 
     They maximise the likelihood times the density of the delay, normal with mean and standard deviation
-    `about`; the error has `COUNTS` samples of `ERROR` more.
+    `about`; the error has `PRIOR_SAMPLES` samples of `ERROR` more.
     """
     k = int(np.argmin(one.cost + ((DELAYS - about[0]) / about[1]) ** 2))
-    counted = (one.squares[k] / per + COUNTS * ERROR**2) / (n / per + COUNTS)
-    return float(one.gain[k]), float(DELAYS[k]), max(float(np.sqrt(counted)), SMALLEST)
+    counted = (one.squares[k] / per + PRIOR_SAMPLES * ERROR**2) / (n / per + PRIOR_SAMPLES)
+    return float(one.gain[k]), float(DELAYS[k]), max(float(np.sqrt(counted)), SMALLEST_EMG_ERROR)

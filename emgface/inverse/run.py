@@ -21,7 +21,7 @@ from emgface.inverse.parameters import InverseParameters
 from emgface.inverse.problem import Problem, pose_problem
 from emgface.inverse.refine import (
     DRAWS,
-    LEVEL,
+    INTERVAL_PROBABILITY,
     Begun,
     Refined,
     refine,
@@ -221,7 +221,7 @@ def _result(
         seen = np.isfinite(squares).sum(axis=1)
         mean = np.nansum(squares, axis=1) / np.maximum(seen, 1)
         misfit = p.marker_error * np.sqrt(np.where(seen > 0, mean, np.nan))
-        attrs |= {"interval": LEVEL, "undetermined": "; ".join(refined.undetermined)}
+        attrs |= {"interval": INTERVAL_PROBABILITY, "undetermined": "; ".join(refined.undetermined)}
         attrs |= {"model_error": refined.model_error, "converged": int(refined.converged)}
     at = problem.start + result["time"].values
     result = result.assign_coords(time=("time", at, {"units": "s"}))

@@ -9,9 +9,9 @@ from emgface.errors import ConfigurationError
 from sim.state import Array
 
 Variant = Literal["driven", "hybrid", "assisted", "motion"]
-VARIANTS: tuple[Variant, ...] = get_args(Variant)
+INVERSE_VARIANTS: tuple[Variant, ...] = get_args(Variant)
 
-RECORDED = frozenset({"ZYG", "RIS", "LLSAN", "DAO", "MEN", "OOP"})
+RECORDED_MUSCLES = frozenset({"ZYG", "RIS", "LLSAN", "DAO", "MEN", "OOP"})
 """Muscles without side whose activation follows electrodes over them; Eqs 2-6 infer the others."""
 
 
@@ -25,13 +25,15 @@ def trust_of(
     in `missing`, are free except where all are prescribed. Names of the variants: Pizzolato et al.
     2015. Raises ConfigurationError if the variant is unknown or the weight is negative.
     """
-    if variant not in VARIANTS:
+    if variant not in INVERSE_VARIANTS:
         raise ConfigurationError(
-            f"variant {variant!r} is unknown, expected one of {', '.join(VARIANTS)}"
+            f"variant {variant!r} is unknown, expected one of {', '.join(INVERSE_VARIANTS)}"
         )
     if not 0.0 <= weight < np.inf:
         raise ConfigurationError(f"weight of the sEMG is {weight!r}, expected a number >= 0")
-    recorded = np.array([m.rpartition("_")[0] in RECORDED and m not in missing for m in muscles])
+    recorded = np.array(
+        [m.rpartition("_")[0] in RECORDED_MUSCLES and m not in missing for m in muscles]
+    )
     if variant == "driven":
         return np.full(len(muscles), np.inf)
     if variant == "hybrid":

@@ -26,9 +26,9 @@ from emgface.models.kinds import (
     refuse_unused,
 )
 
-LEVEL: Final = 0.3  #: of a muscle that is named without one
-RISE: Final = 0.1  #: time in which levels are reached [s]
-DURATION: Final = 0.5  #: simulated time of levels [s]
+DEFAULT_LEVEL: Final = 0.3  #: of a muscle that is named without one
+LEVELS_RISE: Final = 0.1  #: time in which levels are reached [s]
+LEVELS_DURATION: Final = 0.5  #: simulated time of levels [s]
 
 
 def build(person: Person) -> xr.Dataset:
@@ -58,7 +58,7 @@ def fit(
 
     Courses alone, without landmarks, are those of a face that was fitted before.
     """
-    from emgface.fit.person import LARGEST_MISS, fit_face
+    from emgface.fit.person import LARGEST_SURFACE_MISS, fit_face
     from emgface.fit.report import summary, write_report
 
     if evidence.landmarks is None and evidence.courses and not evidence.surfaces:
@@ -70,9 +70,9 @@ def fit(
         raise FitError(
             "no landmarks are given, expected those of a person: a face cannot be placed without them"
         )
-    if unknown := [name for name in evidence.surfaces if name not in LARGEST_MISS]:
+    if unknown := [name for name in evidence.surfaces if name not in LARGEST_SURFACE_MISS]:
         raise FitError(
-            f"a face has no surface {listed(unknown)}, expected some of {listed(LARGEST_MISS)}"
+            f"a face has no surface {listed(unknown)}, expected some of {listed(LARGEST_SURFACE_MISS)}"
         )
     fitted = fit_face(
         face, evidence.landmarks, **evidence.surfaces, unit=evidence.unit,
@@ -130,7 +130,7 @@ def parameters_of(settings: Mapping[str, str], given: Mapping[str, Any]) -> dict
 
 
 def activation_for(face: xr.Dataset, drive: Drive) -> xr.Dataset:
-    """Activation of a file, of a recording, or of levels that are reached within `RISE`.
+    """Activation of a file, of a recording, or of levels that are reached within `LEVELS_RISE`.
 
     Raises ConfigurationError if options of a recording are specified for an activation.
     """
@@ -140,7 +140,7 @@ def activation_for(face: xr.Dataset, drive: Drive) -> xr.Dataset:
     path = Path(drive.source)
     if not names_file(drive.source):
         refuse_unused(drive, ("study",), "levels of muscles")
-        return constant_activation(face, levels_of(drive.source, LEVEL), drive.duration)
+        return constant_activation(face, levels_of(drive.source, DEFAULT_LEVEL), drive.duration)
     if drive.duration is not None:
         raise ConfigurationError(
             f"--duration {drive.duration:g} cannot be applied to {path.name}, whose times are its own, "
@@ -158,12 +158,12 @@ def activation_for(face: xr.Dataset, drive: Drive) -> xr.Dataset:
 def constant_activation(
     face: xr.Dataset, levels: Mapping[str, float], duration: float | None = None
 ) -> xr.Dataset:
-    """Activation (muscle, time) that rises linearly within `RISE` to the levels [1] of some muscles.
+    """Activation (muscle, time) that rises within `LEVELS_RISE` to the levels [1] of some muscles.
 
-    `duration` [s] is `DURATION` by default. Raises ConfigurationError if the face lacks a muscle, a
-    level is not from 0 to 1, or the duration is not above 0.
+    `duration` [s] is `LEVELS_DURATION` by default. Raises ConfigurationError if the face lacks a
+    muscle, a level is not from 0 to 1, or the duration is not above 0.
     """
-    duration = DURATION if duration is None else float(duration)
+    duration = LEVELS_DURATION if duration is None else float(duration)
     if not 0.0 < duration < np.inf:
         raise ConfigurationError(f"the duration is {duration:g} s, expected a number above 0")
     muscles = face["muscle"].values.tolist()
@@ -177,7 +177,9 @@ def constant_activation(
                 f"the level of {name} is {level!r}, expected a number from 0 to 1"
             )
     time = np.linspace(0.0, duration, max(2, round(duration / 0.01) + 1))
-    values = np.outer([levels.get(name, 0.0) for name in muscles], np.clip(time / RISE, 0.0, 1.0))
+    values = np.outer(
+        [levels.get(name, 0.0) for name in muscles], np.clip(time / LEVELS_RISE, 0.0, 1.0)
+    )
     return xr.Dataset(
         {"activation": (("muscle", "time"), values, {"units": "1"})},
         coords={"muscle": muscles, "time": ("time", time, {"units": "s"})},

@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 import xarray as xr
 
-from emgface.anatomy.head.model import Head
+from emgface.anatomy.head.model import PARTS, Head
 from emgface.anatomy.head.model import read_head as read
 from emgface.anatomy.head.model import write_head as write
 from emgface.errors import HeadError
@@ -23,8 +23,6 @@ from emgface.models.kinds import (
     names_file,
     refuse_unused,
 )
-
-PARTS = ("face", "jaw", "tongue", "hyoid")
 
 
 def build(person: Person) -> Head:

@@ -149,10 +149,10 @@ def tolerance_of(accuracy: str | None) -> float | None:
 
 def _unrest(motion: xr.Dataset) -> list[str]:
     """Sentence on the speed of the jaw at the end of a task that should end at rest."""
-    from emgface.anatomy.jaw.run import STILL
+    from emgface.anatomy.jaw.run import REST_SPEED
 
     speed = motion.attrs.get("end_speed", 0.0)
-    if speed <= STILL:
+    if speed <= REST_SPEED:
         return []
     return [
         f"At the end, {float(motion['time'][-1]):.4g} s, a point still moves at {1e3 * speed:.2g} "

@@ -1,6 +1,6 @@
 """Kinds of models (face, jaw, tongue, head): generated, imported, fitted, moved and scored in one way.
 
-A kind is a module with the functions of `Functions` and an entry of `KINDS`. Commands and the
+A kind is a module with the functions of `Functions` and an entry of `MODEL_KINDS`. Commands and the
 functions of ``import emgface as ef`` find it by its name, or by the kind that a file declares.
 """
 
@@ -207,20 +207,20 @@ class Kind:
         return self.functions.fit(model, evidence, progress)
 
 
-OF_HEADS: Final = ("parts", "contacts", "rings", "models")
+HEAD_INPUTS: Final = ("parts", "contacts", "rings", "models")
 OF_FACES: Final = ("courses", "volumes")
-KINDS: Final[Mapping[str, Kind]] = {
+MODEL_KINDS: Final[Mapping[str, Kind]] = {
     kind.name: kind
     for kind in (
         Kind(
-            "face", "face_model", "trajectory", "emgface.models.face", OF_HEADS, ("frame", "before")
+            "face", "face_model", "trajectory", "emgface.models.face", HEAD_INPUTS, ("frame", "before")
         ),
         Kind(
-            "jaw", "jaw_model", "jaw_motion", "emgface.models.jaw", ("resolution", *OF_HEADS),
+            "jaw", "jaw_model", "jaw_motion", "emgface.models.jaw", ("resolution", *HEAD_INPUTS),
             ("rim", "thickness", "before", *OF_FACES),
         ),
         Kind(
-            "tongue", "tongue_model", "tongue_motion", "emgface.models.tongue", OF_HEADS,
+            "tongue", "tongue_model", "tongue_motion", "emgface.models.tongue", HEAD_INPUTS,
             ("rim", "thickness", "landmarks", "places", *OF_FACES),
         ),
         Kind("head", "head_model", "head_motion", "emgface.models.head"),
@@ -230,9 +230,11 @@ KINDS: Final[Mapping[str, Kind]] = {
 
 def kind_named(name: str) -> Kind:
     """Return the kind with a name; ConfigurationError if there is none."""
-    if name not in KINDS:
-        raise ConfigurationError(f"there is no kind {name!r}, expected one of {', '.join(KINDS)}")
-    return KINDS[name]
+    if name not in MODEL_KINDS:
+        raise ConfigurationError(
+            f"there is no kind {name!r}, expected one of {', '.join(MODEL_KINDS)}"
+        )
+    return MODEL_KINDS[name]
 
 
 def kind_of_model(path: Path) -> Kind:
@@ -252,9 +254,11 @@ def _declared(path: Path, what: str) -> Kind:
     from emgface.schema.netcdf import kind_of
 
     declared = kind_of(path)
-    matching = next((kind for kind in KINDS.values() if getattr(kind, what) == declared), None)
+    matching = next(
+        (kind for kind in MODEL_KINDS.values() if getattr(kind, what) == declared), None
+    )
     if matching is None:
-        expected = ", ".join(getattr(kind, what) for kind in KINDS.values())
+        expected = ", ".join(getattr(kind, what) for kind in MODEL_KINDS.values())
         raise ConfigurationError(
             f"{path.name} is of the kind {declared or 'unknown'!r}, expected the {what} of a face, jaw, "
             f"tongue or head ({expected}): specify such a file"

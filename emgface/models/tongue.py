@@ -114,9 +114,9 @@ def move(tongue: xr.Dataset, drive: Drive, progress: Progress) -> Moved:
     Exciters with levels rise and fall. Settings are ``variant`` and ``gravity``.
     """
     from emgface.anatomy.jaw.series import read_excitation
-    from emgface.anatomy.tongue.actions import DURATION, LEVEL, raised_muscles
+    from emgface.anatomy.tongue.actions import ACTION_DURATION, ACTION_LEVEL, raised_muscles
     from emgface.anatomy.tongue.published import read_gesture
-    from emgface.anatomy.tongue.run import OUTPUT, simulate_tongue
+    from emgface.anatomy.tongue.run import TONGUE_OUTPUT, simulate_tongue
 
     if drive.accuracy is not None:
         raise TongueError("a tongue has no --accuracy, expected a --step: specify it in s")
@@ -126,16 +126,18 @@ def move(tongue: xr.Dataset, drive: Drive, progress: Progress) -> Moved:
         read_drive = read_gesture if path.suffix == ".txt" else read_excitation
         excitation, name = read_drive(path), path.stem
         if duration is None:
-            duration = OUTPUT * int(float(excitation.time[-1]) / OUTPUT + 1e-9)  # whole outputs
+            duration = TONGUE_OUTPUT * int(
+                float(excitation.time[-1]) / TONGUE_OUTPUT + 1e-9
+            )  # whole outputs
     else:
-        levels = levels_of(drive.source, LEVEL)
+        levels = levels_of(drive.source, ACTION_LEVEL)
         if len({*levels.values()}) > 1:
             raise TongueError(
                 f"{drive.source!r} has several levels, expected one that all exciters reach: "
                 "specify a file of excitations"
             )
-        duration = DURATION if duration is None else duration
-        level = next(iter(levels.values()), LEVEL)
+        duration = ACTION_DURATION if duration is None else duration
+        level = next(iter(levels.values()), ACTION_LEVEL)
         excitation, name = (
             raised_muscles(*levels, level=level, duration=duration),
             " and ".join(levels),

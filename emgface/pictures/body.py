@@ -17,15 +17,15 @@ from emgface.pictures.suture import suture_colours
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-SKIN, VERMILION, LINING = 0, 1, 2  #: parts of the drawn tissue
-COLOURS: Final = {
-    SKIN: (0.905, 0.765, 0.680),
-    VERMILION: (0.760, 0.430, 0.415),
+SKIN_PART, VERMILION_PART, LINING = 0, 1, 2  #: parts of the drawn tissue
+PART_COLOURS: Final = {
+    SKIN_PART: (0.905, 0.765, 0.680),
+    VERMILION_PART: (0.760, 0.430, 0.415),
     LINING: (0.640, 0.330, 0.325),
 }
 """Colour of each part, sRGB from 0 to 1."""
 MOUTH: Final = (0.165, 0.062, 0.058)  #: colour of back faces
-TEETH: Final = (0.880, 0.860, 0.805)
+TEETH_COLOUR: Final = (0.880, 0.860, 0.805)
 GUMS: Final = (0.640, 0.370, 0.365)
 NOSTRIL: Final = (0.290, 0.150, 0.130)
 CROWN: Final = 9.5e-3  #: height of the crowns of the teeth [m]; an arch is drawn as gums beyond it
@@ -33,7 +33,7 @@ CROWN: Final = 9.5e-3  #: height of the crowns of the teeth [m]; an arch is draw
 DOWNWARD: Final = -0.45  #: largest vertical part of the normal of the base of the nose
 MOST_NODES: Final = 4500
 """Largest number of nodes of the surface; more are merged along the shortest edges."""
-ENOUGH: Final = 5000  #: number of points up to which the surface is refined, at most twice
+REFINED_POINTS: Final = 5000  #: number of points up to which the surface is refined, at most twice
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +77,12 @@ def skin_of(face: xr.Dataset, *, most: int = MOST_NODES) -> Skin:
     the rims of the tissue. A surface with more than `most` nodes is simplified.
     """
     named = {name: facets_of(face, name) for name in surface_names(face)}
-    parts = [(LINING if name.endswith("inner") else VERMILION, f) for name, f in named.items()]
+    parts = [(LINING if name.endswith("inner") else VERMILION_PART, f) for name, f in named.items()]
     known = {frozenset(row) for _, rows in parts for row in rows.tolist()}
     visible, of_skin = skin_faces(face)
     plain = of_skin if named else visible
     mine = np.array([frozenset(row) not in known for row in plain.tolist()], dtype=bool)
-    parts.insert(0, (SKIN, plain[mine]))
+    parts.insert(0, (SKIN_PART, plain[mine]))
     facet = np.concatenate([rows for _, rows in parts]).astype(np.int64)
     part = np.repeat([p for p, _ in parts], [len(rows) for _, rows in parts])
     if len(np.unique(facet)) > most:
@@ -118,7 +118,7 @@ def make_body(rest: NDArray[np.floating], skin: Skin, arches: Sequence[Arch]) ->
     n, facet, part = len(rest), skin.facet, skin.part
     values = np.asarray(rest, dtype=np.float64)
     stages: list[Indices] = []
-    while len(stages) < 4 and len(values) < ENOUGH:
+    while len(stages) < 4 and len(values) < REFINED_POINTS:
         new, facet, part = refined(facet, part, len(values))
         stages += new
         for rules in new:
@@ -159,7 +159,7 @@ def nostrils(position: Floats, facet: Indices, part: Indices) -> Floats:
     and half of it in length. Nothing is drawn unless the base is on both sides of the mouth's middle
     and narrower than the mouth.
     """
-    share, lips, skin = np.zeros(len(position)), part == VERMILION, facet[part == SKIN]
+    share, lips, skin = np.zeros(len(position)), part == VERMILION_PART, facet[part == SKIN_PART]
     if not lips.any() or not len(skin):
         return share
     red = position[facet[lips]].reshape(-1, 3)
@@ -184,7 +184,7 @@ def nostrils(position: Floats, facet: Indices, part: Indices) -> Floats:
 def _point_colours(facet: Indices, part: Indices, n: int) -> Floats:
     """Mean colour of the facets at each of n points."""
     colour, weight = np.zeros((n, 3)), np.zeros(n)
-    own = np.array([COLOURS[k] for k in range(3)])[part]
+    own = np.array([PART_COLOURS[k] for k in range(3)])[part]
     for corner in range(4):
         np.add.at(colour, facet[:, corner], own)
         np.add.at(weight, facet[:, corner], 1.0)
@@ -195,7 +195,7 @@ def _tooth_colours(height: Floats, bone: int) -> Floats:
     """Teeth near the incisal edge, the lowest of the upper arch and the highest of the lower."""
     above = height - height.min() if bone == SKULL else height.max() - height
     gum = np.clip((above - CROWN) / 1.5e-3, 0.0, 1.0)[:, None]
-    return (1.0 - gum) * np.array(TEETH) + gum * np.array(GUMS)
+    return (1.0 - gum) * np.array(TEETH_COLOUR) + gum * np.array(GUMS)
 
 
 def _thinned(position: Floats, facet: Indices, part: Indices, most: int) -> tuple[Indices, Indices]:

@@ -16,7 +16,7 @@ from emgface.pictures.body import MOUTH, Body
 from emgface.pictures.render import DISPLACEMENT, LIGHT, VIEWS
 
 QUANTUM: Final = 20e-6  #: quantum of the positions [m], below visible differences
-ABSENT: Final = -32768  #: value of a marker without measurement
+ABSENT_MARKER: Final = -32768  #: value of a marker without measurement
 
 
 def body_data(body: Body, rest: NDArray[np.floating]) -> dict[str, Any]:
@@ -27,7 +27,7 @@ def body_data(body: Body, rest: NDArray[np.floating]) -> dict[str, Any]:
     centre = middle_of(rest)
     return {
         "quantum": QUANTUM,
-        "absent": ABSENT,
+        "absent": ABSENT_MARKER,
         "nodes": body.n,
         "tissue": body.tissue,
         "rules": packed(body.rules.astype("<u4")),
@@ -108,9 +108,9 @@ def measured_markers(aligned: xr.Dataset, sampled: xr.Dataset) -> NDArray[np.flo
 
 
 def whole(position: NDArray[Any], centre: NDArray[np.float64]) -> NDArray[np.int16]:
-    """Round positions [m] to multiples of `QUANTUM` about a centre; NaN becomes `ABSENT`."""
+    """Round positions [m] to multiples of `QUANTUM` about a centre; NaN becomes `ABSENT_MARKER`."""
     steps = np.round((np.asarray(position, dtype=np.float64) - centre) / QUANTUM)
-    steps = np.where(np.isfinite(steps), np.clip(steps, -32767, 32767), ABSENT)
+    steps = np.where(np.isfinite(steps), np.clip(steps, -32767, 32767), ABSENT_MARKER)
     return steps.astype(np.int16)
 
 

@@ -20,8 +20,8 @@ from emgface.pictures.page import trial_name
 from emgface.pictures.render import VIEWS, render, window_of
 from emgface.pictures.surface import drawn_surface
 
-SUFFIXES: Final = (".gif", ".mp4")
-SIDES: Final = ("front", "oblique")  #: views in a movie, side by side
+MOVIE_SUFFIXES: Final = (".gif", ".mp4")
+MOVIE_VIEWS: Final = ("front", "oblique")  #: views in a movie, side by side
 PANEL: Final = 360  #: width of each [pixels]
 
 
@@ -51,7 +51,7 @@ def check_movie(path: Path) -> str:
 
     Raises DataError if the format is unknown, or the program is not found.
     """
-    if path.suffix.lower() not in SUFFIXES:
+    if path.suffix.lower() not in MOVIE_SUFFIXES:
         raise DataError(f"{path.name} is not a movie, expected a name that ends in .gif or .mp4")
     return ffmpeg() if path.suffix.lower() == ".mp4" else ""
 
@@ -62,15 +62,15 @@ def frames(
     """Draw the frames of a movie, one by one."""
     body, _, surface = drawn_surface(motion)
     rest, times = surface[0], motion["frame_time"].values
-    windows = [window_of(rest, VIEWS[side], 0.04) for side in SIDES]
+    windows = [window_of(rest, VIEWS[side], 0.04) for side in MOVIE_VIEWS]
     sizes = [round(PANEL * (w.top - w.bottom) / (w.right - w.left)) for w in windows]
     height = max(sizes) + 28
     height += height % 2  # MP4 has half the resolution in colour
     font = ImageFont.load_default(14)
     label = f"simulated motion: {trial_name(motion)}"
     for k, (position, time) in enumerate(zip(surface, times, strict=True), start=1):
-        picture = Image.new("RGB", (PANEL * len(SIDES), height), "white")
-        for column, (side, window) in enumerate(zip(SIDES, windows, strict=True)):
+        picture = Image.new("RGB", (PANEL * len(MOVIE_VIEWS), height), "white")
+        for column, (side, window) in enumerate(zip(MOVIE_VIEWS, windows, strict=True)):
             drawn = Image.fromarray(render(body, position, VIEWS[side], window, PANEL), "RGBA")
             picture.paste(drawn, (column * PANEL, (height - 28 - drawn.height) // 2), drawn)
         pen = ImageDraw.Draw(picture)

@@ -14,8 +14,8 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from analysis.figures.style import WRITTEN, settings, title_of
-from analysis.tables import ABSENT, Table
+from analysis.figures.style import SAVED_PARAMETERS, settings, title_of
+from analysis.tables import ABSENT_CELL, Table
 from emgface.errors import DataError
 from emgface.muscles import INSTRUCTIONS
 from emgface.pictures.body import body_of, skin_of
@@ -37,9 +37,8 @@ from emgface.pictures.render import VIEWS
 from emgface.pictures.surface import drawn_surface
 from emgface.pictures.suture import treatment_words
 
-WIDE: Final = (
-    12  #: number of columns above which a table is printed smaller, or upright if it is low
-)
+#: number of columns above which a table is printed smaller, or upright if it is low
+WIDE: Final = 12
 LOW: Final = 6  #: largest number of rows of a table that is printed upright
 THREE: Final = "three/three.module.min.js"
 """three.js 0.170.0, build/three.module.min.js, unchanged."""
@@ -260,7 +259,7 @@ def svg_of(figure: "Figure", name: str, description: str, *, scale: float = 1.0)
 
     buffer = io.StringIO()
     figure.set_dpi(130)
-    with settings(WRITTEN):
+    with settings(SAVED_PARAMETERS):
         # ``savefig`` would draw twice, first for a layout that drawing computes anyway.
         FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
     text = buffer.getvalue()
@@ -327,7 +326,9 @@ def laid_out(
     Columns of numbers without any value are named below the table instead. A table of many columns
     and few rows is printed upright: its rows become columns.
     """
-    kept = [k for k, number in enumerate(numbers) if not number or {r[k] for r in rows} != {ABSENT}]
+    kept = [
+        k for k, number in enumerate(numbers) if not number or {r[k] for r in rows} != {ABSENT_CELL}
+    ]
     left = [head for k, head in enumerate(heads) if k not in kept]
     shown = [[heads[k] for k in kept], *([row[k] for k in kept] for row in rows)]
     number = [numbers[k] for k in kept]

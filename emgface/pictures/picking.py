@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from emgface.face.lip_shape import has_mouth, lip_rim
+from emgface.face.parts import LIPS
 from emgface.muscles import CHANNELS
 from emgface.pictures.body import Skin
 
 Floats = NDArray[np.float64]
 
 LAYERS: Final = ("inner", "centre", "outer")  #: names of the layers, by number
-NEAR: Final = 0.015  #: distance from a fibre, or from the margin of a lip, that is offered [m]
-LIPS: Final = ("upper", "lower")
+#: distance from a fibre, or from the margin of a lip, that is offered [m]
+OFFERED_DISTANCE: Final = 0.015
 #: Channels over the orbicularis oris, whose fibres do not distinguish the lips.
 RING: Final = {"upper": "OOS", "lower": "OOI"}
 
@@ -54,18 +55,18 @@ def _elements(face: xr.Dataset, nodes: NDArray[np.int64]) -> tuple[NDArray[Any],
 
 
 def _muscles(face: xr.Dataset, points: Floats) -> list[str]:
-    """Muscle of the fibre that passes nearest to each point, within `NEAR`."""
+    """Muscle of the fibre that passes nearest to each point, within `OFFERED_DISTANCE`."""
     if "fibre_position" not in face or not face.sizes["fibre_point"]:
         return [""] * len(points)
     tree = KDTree(face["fibre_position"].values)
     away, nearest = (np.asarray(array) for array in tree.query(points))
     own = face["fibre_muscle"].values[face["fibre_of_point"].values[nearest]]
     names = [str(m) for m in face["muscle"].values[own]]
-    return [name if d < NEAR else "" for name, d in zip(names, away, strict=True)]
+    return [name if d < OFFERED_DISTANCE else "" for name, d in zip(names, away, strict=True)]
 
 
 def _places(face: xr.Dataset, points: Floats) -> tuple[list[str], list[float | None]]:
-    """Lip and relative arc length of the margin nearest to each point, within `NEAR`."""
+    """Lip and relative arc length of the margin nearest to each point, within `OFFERED_DISTANCE`."""
     if not has_mouth(face):
         return [""] * len(points), [None] * len(points)
     rim, rest = lip_rim(face), face["position"].values
@@ -78,7 +79,7 @@ def _places(face: xr.Dataset, points: Floats) -> tuple[list[str], list[float | N
         away[k], at = KDTree(fine).query(points)
         place[k] = s[at] / length[-1]
     own = np.argmin(away, axis=0)
-    near = away.min(axis=0) < NEAR
+    near = away.min(axis=0) < OFFERED_DISTANCE
     chosen = np.take_along_axis(place, own[None], axis=0)[0]
     lips = [LIPS[k] if ok else "" for k, ok in zip(own, near, strict=True)]
     return lips, [round(float(p), 3) if ok else None for p, ok in zip(chosen, near, strict=True)]

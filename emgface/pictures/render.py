@@ -14,7 +14,6 @@ from emgface.pictures.body import MOUTH, Body
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-MM: Final = 1e3
 VIEWS: Final[Mapping[str, tuple[float, float]]] = {
     "front": (0.0, 0.0),
     "left": (-90.0, 0.0),
@@ -22,7 +21,7 @@ VIEWS: Final[Mapping[str, tuple[float, float]]] = {
     "oblique": (-35.0, 5.0),
 }
 """Yaw and pitch of the camera in degrees, by view."""
-SIDES: Final = ("front", "left", "oblique")  #: the three views shown in a picture
+PICTURE_VIEWS: Final = ("front", "left", "oblique")  #: the three views shown in a picture
 
 LIGHT: Final[Mapping[str, object]] = {
     "ambient": 0.50,

@@ -11,16 +11,16 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis.figures.style import literal
+from emgface.face.check import TO_MM
 from emgface.face.landmarks import MIDLINE
 from emgface.face.parts import arches_of
 from emgface.face.surface import boundary_edges, element_faces
-from emgface.pictures.body import COLOURS, SKIN
-from emgface.pictures.render import MM
+from emgface.pictures.body import PART_COLOURS, SKIN_PART
 from emgface.pictures.stills import write_figure
 
 Floats = NDArray[np.float64]
 
-MARGIN: Final = 0.022  #: margin of tissue shown around the lips [m]
+SECTION_MARGIN: Final = 0.022  #: margin of tissue shown around the lips [m]
 
 
 def midline_faces(face: xr.Dataset) -> NDArray[np.int64]:
@@ -54,19 +54,19 @@ def draw_sections(
     """
     rest, faces = face["position"].values, midline_faces(face)
     lips = rest[face["lip_opening_node"].values][:, 1:]
-    middle = lips.mean(axis=0) * MM
+    middle = lips.mean(axis=0) * TO_MM
     figure = Figure(figsize=(3.4 * len(shown) + 0.4, 4.4), layout="constrained")
     figure.suptitle(title, fontsize="medium")
     outline = boundary_edges(faces)
     for place, (name, position) in enumerate(shown.items(), start=1):
         axes = figure.add_subplot(1, len(shown), place)
         for arch in arches_of(face):
-            segments = cut_section(arch.points, arch.triangles) * MM
+            segments = cut_section(arch.points, arch.triangles) * TO_MM
             axes.add_collection(LineCollection(list(segments), colors="#8a8060", linewidths=1.6))
         axes.add_collection(
             PolyCollection(
-                list(position[faces][..., 1:] * MM),
-                facecolors=COLOURS[SKIN],
+                list(position[faces][..., 1:] * TO_MM),
+                facecolors=PART_COLOURS[SKIN_PART],
                 edgecolors="#7d6150",
                 linewidths=0.35,
                 alpha=0.75,
@@ -74,10 +74,13 @@ def draw_sections(
         )
         axes.add_collection(
             LineCollection(
-                list(rest[outline][..., 1:] * MM), colors="#1b6ca8", linewidths=0.9, linestyles=":"
+                list(rest[outline][..., 1:] * TO_MM),
+                colors="#1b6ca8",
+                linewidths=0.9,
+                linestyles=":",
             )
         )
-        reach = MARGIN * MM
+        reach = SECTION_MARGIN * TO_MM
         axes.set_xlim(middle[0] - 1.2 * reach, middle[0] + 0.8 * reach)
         axes.set_ylim(middle[1] - reach, middle[1] + reach)
         axes.set(aspect="equal", title=name, xlabel="y, forward (mm)")

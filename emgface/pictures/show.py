@@ -42,13 +42,13 @@ def draw(data: xr.Dataset, path: Path, parts: Parts | None = None) -> Path:
     The suffix determines the format. Raises DataError if it is unknown, the file cannot be written,
     or the dataset is not of this package.
     """
-    from emgface.pictures.movie import SUFFIXES, write_movie
+    from emgface.pictures.movie import MOVIE_SUFFIXES, write_movie
     from emgface.pictures.stills import write_figure
 
     if path.suffix.lower() in PAGES:
         write_text(path, page(data, parts))
         return path
-    if path.suffix.lower() in SUFFIXES:
+    if path.suffix.lower() in MOVIE_SUFFIXES:
         return write_movie(data, path)
     return write_figure(figure(data, parts), path)
 

@@ -19,17 +19,25 @@ from numpy.typing import NDArray
 
 from analysis.figures.style import COLOURS, blank, grid, legend, styled
 from emgface.errors import DataError
+from emgface.face.check import TO_MM
 from emgface.face.parts import FREE, MANDIBLE, SKULL, fibres_of
 from emgface.files import replace_file
 from emgface.muscles import MODELLED, MUSCLE_NAMES, SIDES
 from emgface.pictures.body import Body, body_of, skin_of
-from emgface.pictures.render import DISPLACEMENT, MM, VIEWS, Window, project, render, window_of
-from emgface.pictures.render import SIDES as THREE_SIDES
+from emgface.pictures.render import (
+    DISPLACEMENT,
+    PICTURE_VIEWS,
+    VIEWS,
+    Window,
+    project,
+    render,
+    window_of,
+)
 
 Floats = NDArray[np.float64]
 
-BONE: Final = {MANDIBLE: "#c44e00", SKULL: "#4c78a8"}
-MARKS: Final[Mapping[str, Mapping[str, Any]]] = {
+BONE_COLOURS: Final = {MANDIBLE: "#c44e00", SKULL: "#4c78a8"}
+MARKER_SYMBOLS: Final[Mapping[str, Mapping[str, Any]]] = {
     "simulated": {
         "marker": "o", "markersize": 2.6, "color": COLOURS[4],
         "markeredgecolor": "white", "markeredgewidth": 0.3,
@@ -41,7 +49,8 @@ MARKS: Final[Mapping[str, Mapping[str, Any]]] = {
 }  # fmt: skip
 """Symbols of the markers of the model and of the recording, in figures and in the page."""
 NOTEBOOK_DPI: Final = 72  #: resolution of a picture in a notebook
-MARGIN: Final = 0.028  #: margin of skin shown around the lips in pictures of the lips [m]
+#: margin of skin shown around the lips in pictures of the lips [m]
+LIP_PICTURE_MARGIN: Final = 0.028
 
 
 def recording_label(origin: str) -> str:
@@ -66,7 +75,7 @@ def paint(
     """
     picture = render(body, position, view, window, pixels, colour=colour)
     picture[..., 3] = np.round(opacity * picture[..., 3])
-    extent = (MM * window.left, MM * window.right, MM * window.bottom, MM * window.top)
+    extent = (TO_MM * window.left, TO_MM * window.right, TO_MM * window.bottom, TO_MM * window.top)
     axes.imshow(picture, extent=extent, interpolation="antialiased")
     axes.set_axis_off()
 
@@ -78,7 +87,7 @@ def marks(
     seen = project(points, view)
     if abs(view[0]) > 45.0:
         seen = seen[seen[:, 2] >= project(np.zeros((1, 3)), view)[0, 2] - 2e-3]
-    axes.plot(MM * seen[:, 0], MM * seen[:, 1], linestyle="", zorder=3, **style)
+    axes.plot(TO_MM * seen[:, 0], TO_MM * seen[:, 1], linestyle="", zorder=3, **style)
 
 
 @styled
@@ -96,8 +105,8 @@ def face_figure(face: xr.Dataset) -> Figure:
     shown = [rest[skin.node]]
     if "face_marker_position" in face:
         shown.append(face["face_marker_position"].values)
-    panels = grid(figure, 2, len(THREE_SIDES))
-    for column, side in enumerate(THREE_SIDES):
+    panels = grid(figure, 2, len(PICTURE_VIEWS))
+    for column, side in enumerate(PICTURE_VIEWS):
         view = VIEWS[side]
         window = window_of(np.concatenate(shown), view, 0.03)
         above, below = panels[0][column], panels[1][column]
@@ -128,9 +137,9 @@ _POINT: Final[Mapping[str, Any]] = {"marker": "o", "markersize": 3.4, "markeredg
 def _draw_fixed(axes: Axes, face: xr.Dataset, view: tuple[float, float]) -> None:
     fixed, position = face["fixed"].values, face["position"].values
     for kind, bone in ((MANDIBLE, "mandible"), (SKULL, "skull")):
-        seen = MM * project(position[fixed == kind], view)
+        seen = TO_MM * project(position[fixed == kind], view)
         text = f"fixed to {bone} ({len(seen)} of {int((fixed != FREE).sum())} fixed nodes)"
-        axes.plot(seen[:, 0], seen[:, 1], ".", markersize=2.0, color=BONE[kind], alpha=0.6,
+        axes.plot(seen[:, 0], seen[:, 1], ".", markersize=2.0, color=BONE_COLOURS[kind], alpha=0.6,
                   label=text)  # fmt: skip
 
 
@@ -141,7 +150,7 @@ def _draw_fibres(axes: Axes, face: xr.Dataset, view: tuple[float, float]) -> Non
             lines = [project(f, view) for f in fibres_of(face, name)] if name in known else []
             # In a side view, the muscles of the other side are faint.
             far = bool(lines) and abs(view[0]) > 45.0 and np.concatenate(lines)[:, 2].mean() < 0.0
-            flat = [MM * line[:, :2] for line in lines]
+            flat = [TO_MM * line[:, :2] for line in lines]
             axes.add_collection(
                 LineCollection(
                     flat, colors=[_colour(muscle)], linewidths=1.8, alpha=0.25 if far else 1.0
@@ -159,7 +168,7 @@ def states_figure(
     shown: Mapping[str, NDArray[np.floating]],
     *,
     title: str,
-    views: Sequence[str] = THREE_SIDES,
+    views: Sequence[str] = PICTURE_VIEWS,
     displacement: bool = False,
     lips: bool = False,
 ) -> Figure:
@@ -189,14 +198,14 @@ def body_figure(
     shown: Mapping[str, NDArray[np.floating]],
     *,
     title: str,
-    views: Sequence[str] = THREE_SIDES,
+    views: Sequence[str] = PICTURE_VIEWS,
     rest: NDArray[np.floating] | None = None,
     around: NDArray[np.floating] | None = None,
 ) -> Figure:
     """Draw states of a body, as `states_figure`, by the nodes of its skin (n, 3) [m].
 
     `rest` are the positions to which a displacement shown by colour refers; `around` are points
-    whose surroundings (`MARGIN`) are shown instead of the whole.
+    whose surroundings (`LIP_PICTURE_MARGIN`) are shown instead of the whole.
     """
     every = np.concatenate(list(shown.values()))
     windows = [
@@ -212,12 +221,12 @@ def body_figure(
     norm, colours = Normalize(0.0, 1.0), LinearSegmentedColormap.from_list("", DISPLACEMENT)
     if rest is not None:
         most = max(float(np.linalg.norm(q - rest, axis=1).max()) for q in shown.values())
-        norm = Normalize(0.0, max(MM * most, 1e-3))
+        norm = Normalize(0.0, max(TO_MM * most, 1e-3))
     for column, (name, position) in enumerate(shown.items()):
         panels[0][column].set_title(name)
         paint_as = None
         if rest is not None:
-            far = MM * np.linalg.norm(position - rest, axis=1)
+            far = TO_MM * np.linalg.norm(position - rest, axis=1)
             paint_as = np.asarray(colours(norm(far)))[:, :3]
         for row, view in enumerate(views):
             panel = panels[row][column]
@@ -239,7 +248,10 @@ def lips_window(markers: NDArray[np.floating], view: tuple[float, float]) -> Win
     """Window around the markers of the lips, with a margin of skin."""
     window = window_of(markers, view, 0.0)
     return Window(
-        window.left - MARGIN, window.bottom - MARGIN, window.right + MARGIN, window.top + MARGIN
+        window.left - LIP_PICTURE_MARGIN,
+        window.bottom - LIP_PICTURE_MARGIN,
+        window.right + LIP_PICTURE_MARGIN,
+        window.top + LIP_PICTURE_MARGIN,
     )
 
 

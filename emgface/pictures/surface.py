@@ -17,11 +17,11 @@ from sim.state import Control
 Floats = NDArray[np.float64]
 
 ARCHES: Final = ("arch_position", "arch_triangle", "arch_bone")
-DRAWN: Final = ("surface_position", "frame_time", "surface_corner", "surface_part", *ARCHES,
+PAGE_VARIABLES: Final = ("surface_position", "frame_time", "surface_corner", "surface_part", *ARCHES,
                 "muscle_force", "contact_force")  # fmt: skip
 """Variables of a trajectory that are for pages."""
 
-FRAMES: Final = 25.0  #: approximate number of frames of a surface per second
+SURFACE_FRAME_RATE: Final = 25.0  #: approximate number of frames of a surface per second
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class SurfaceProbe:
 
 def frame_stride(output: float) -> int:
     """Return the number of outputs of `output` seconds per frame."""
-    return max(1, round(1.0 / (FRAMES * output)))
+    return max(1, round(1.0 / (SURFACE_FRAME_RATE * output)))
 
 
 def with_surface(trajectory: xr.Dataset, face: xr.Dataset, skin: Skin) -> xr.Dataset:
@@ -71,7 +71,9 @@ def with_surface(trajectory: xr.Dataset, face: xr.Dataset, skin: Skin) -> xr.Dat
 
 def without_surface(trajectory: xr.Dataset) -> xr.Dataset:
     """A trajectory without what is for pages."""
-    return trajectory.drop_dims(["muscle"], errors="ignore").drop_vars(DRAWN, errors="ignore")
+    return trajectory.drop_dims(["muscle"], errors="ignore").drop_vars(
+        PAGE_VARIABLES, errors="ignore"
+    )
 
 
 def drawn_surface(trajectory: xr.Dataset) -> tuple[Body, Skin, NDArray[np.floating]]:

@@ -14,8 +14,8 @@ from emgface.treatment.plan import NOT_VALIDATED
 Floats = NDArray[np.float64]
 
 STITCH: Final = ((0.98, 0.80, 0.25), (0.55, 0.05, 0.10))  #: from no to the largest force
-NEAR: Final = 1.3e-3  #: distance from the suture within which it is drawn [m]
-WORDS: Final = "The suture is drawn from yellow (no force) to dark red (largest force)."
+DRAWN_SUTURE_DISTANCE: Final = 1.3e-3  #: distance from the suture within which it is drawn [m]
+SUTURE_SENTENCE: Final = "The suture is drawn from yellow (no force) to dark red (largest force)."
 
 
 def suture_colours(face: xr.Dataset, points: Floats) -> tuple[NDArray[np.bool_], Floats]:
@@ -38,7 +38,7 @@ def suture_colours(face: xr.Dataset, points: Floats) -> tuple[NDArray[np.bool_],
         (1.0 - share[..., 0]) * force[edges[:, 0]] + share[..., 0] * force[edges[:, 1]]
     ).ravel()
     away, nearest = KDTree(line).query(points)
-    near = np.asarray(away) < NEAR
+    near = np.asarray(away) < DRAWN_SUTURE_DISTANCE
     low, high = np.array(STITCH[0]), np.array(STITCH[1])
     return near, low + level[np.asarray(nearest)[near], None] * (high - low)
 
@@ -48,6 +48,6 @@ def treatment_words(shown: xr.Dataset) -> str:
 
     An empty text for others.
     """
-    words = [WORDS] if shown.sizes.get("suture", 0) else []
+    words = [SUTURE_SENTENCE] if shown.sizes.get("suture", 0) else []
     words += [f"{NOT_VALIDATED.capitalize()}."] if is_treated(shown.attrs) else []
     return " ".join(words)

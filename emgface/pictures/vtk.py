@@ -19,7 +19,7 @@ from emgface.face.quality import is_wedge
 from emgface.files import write_text
 
 TRIANGLE, HEXAHEDRON, WEDGE = 5, 12, 13  #: cell types of VTK
-NAMES: Final[dict[str, str]] = {
+VTK_TYPES: Final[dict[str, str]] = {
     "float32": "Float32",
     "float64": "Float64",
     "int64": "Int64",
@@ -118,7 +118,7 @@ def _array(name: str, values: NDArray[Any]) -> str:
     # The number of bytes precedes the data and is encoded with them.
     text = base64.b64encode(np.uint64(len(data)).astype("<u8").tobytes() + data).decode("ascii")
     width = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
-    kind = NAMES[values.dtype.name]
+    kind = VTK_TYPES[values.dtype.name]
     return f'<DataArray type="{kind}" Name={quoteattr(name)}{width} format="binary">{text}</DataArray>\n'
 
 

@@ -11,11 +11,11 @@ from typing import Any, Final
 import numpy as np
 import xarray as xr
 
-from emgface.face.identity import DIGEST, NAME, SHOWN
+from emgface.face.identity import DIGEST, FACE_ATTRIBUTE, SHOWN_DIGITS
 from emgface.recordings.findings import Finding
+from emgface.recordings.trial_names import TRIAL_FIELDS
 from emgface.run.digest import dataset_digest
 
-TRIAL: Final = ("volunteer", "instruction", "repetition")
 SAME_INTERVAL: Final = 1e-3  #: relative difference of intervals from which times were changed
 COVERED: Final = 0.9  #: least part of a motion during which what drives it is expected to exist
 
@@ -26,13 +26,16 @@ def of_face(result: Mapping[str, Any], face: xr.Dataset, what: str) -> list[Find
     `what` names the result, such as "motion". Results that state neither name nor digest, as positions
     that were not computed by this package, are found by "face_unknown".
     """
-    name, digest = str(result.get(NAME, "")), str(result.get(DIGEST, ""))
+    name, digest = str(result.get(FACE_ATTRIBUTE, "")), str(result.get(DIGEST, ""))
     own = str(face.attrs.get("name", ""))
     if digest:
         here = dataset_digest(face)
         if digest == here:
             return []
-        named = {"own": f"{name!r} ({digest[:SHOWN]})", "used": f"{own!r} ({here[:SHOWN]})"}
+        named = {
+            "own": f"{name!r} ({digest[:SHOWN_DIGITS]})",
+            "used": f"{own!r} ({here[:SHOWN_DIGITS]})",
+        }
         return [Finding("other_face", values={"what": what, **named})]
     if name and own and name != own:
         return [
@@ -56,12 +59,15 @@ def _identity(value: object) -> str:
 
 def of_two(first: Mapping[str, Any], second: Mapping[str, Any], what: str) -> list[Finding]:
     """Finding if two results state different faces."""
-    digests, names = ([str(one.get(key, "")) for one in (first, second)] for key in (DIGEST, NAME))
+    digests, names = (
+        [str(one.get(key, "")) for one in (first, second)] for key in (DIGEST, FACE_ATTRIBUTE)
+    )
     if all(digests) and digests[0] == digests[1]:
         return []
     if all(digests) or (all(names) and names[0] != names[1]):
         own, used = (
-            f"{n!r}" + (f" ({d[:SHOWN]})" if d else "") for n, d in zip(names, digests, strict=True)
+            f"{n!r}" + (f" ({d[:SHOWN_DIGITS]})" if d else "")
+            for n, d in zip(names, digests, strict=True)
         )
         return [Finding("other_face", values={"what": what, "own": own, "used": used})]
     return [Finding("face_unknown", values={"what": what, "used": repr(names[1])})]
@@ -73,7 +79,7 @@ def of_recording(result: Mapping[str, Any], recording: Mapping[str, Any]) -> lis
     Both are compared by volunteer, instruction and repetition, as far as both state them, and by the
     digest of the file where they state no trial.
     """
-    both = [key for key in TRIAL if key in result and key in recording]
+    both = [key for key in TRIAL_FIELDS if key in result and key in recording]
     differ = [key for key in both if _identity(result[key]) != _identity(recording[key])]
     if not both and "source_digest" in result and "source_digest" in recording:
         differ = [] if result["source_digest"] == recording["source_digest"] else ["source"]

@@ -51,7 +51,8 @@ def check_recording(
     limit = HeadFrameParameters().max_gap if max_gap is None else max_gap
     examined, all_findings = _examined(recording, limit)
     first = {
-        kind: next((r["name"] for r in examined if _judgeable(r, kind)), None) for kind in KINDS
+        kind: next((r["name"] for r in examined if _judgeable(r, kind)), None)
+        for kind in CHECKED_DIMS
     }
     rows: list[dict[str, object]] = []
     for row in examined:
@@ -80,7 +81,7 @@ def findings_of(recording: xr.Dataset, *, max_gap: float | None = None) -> list[
     return _examined(recording, limit)[1]
 
 
-KINDS = ("channel", "marker")
+CHECKED_DIMS = ("channel", "marker")
 
 
 def _examined(recording: xr.Dataset, limit: float) -> tuple[list[dict[str, object]], list[Finding]]:
@@ -144,7 +145,7 @@ def _of_nothing(
 ) -> list[dict[str, object]]:
     """Row of the findings on the whole recording, or on signals that it lacks, if no other has them."""
     present = {(row["kind"], row["name"]) for row in rows}
-    whole = [kind for kind in KINDS if first[kind] is not None]
+    whole = [kind for kind in CHECKED_DIMS if first[kind] is not None]
     stated = {*whole, "recording"} if whole else set[str]()
     left = [
         f

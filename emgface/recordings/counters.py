@@ -4,11 +4,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-LEAST: Final = 50  #: samples from which a counter can be recognised
+LEAST_COUNTER_SAMPLES: Final = 50  #: samples from which a counter can be recognised
 REGULAR: Final = 0.8  #: least part of the steps that are regular ones
 RETURN: Final = 0.9  #: part of its range by which a counter falls when it returns to its beginning
-BACK: Final = 0.75  #: part of the modulus from which a step ahead is rather a small step back
-LARGEST: Final = 2**53  #: counts above which float64 does not represent every integer
+#: part of the modulus from which a step ahead is rather a small step back
+WRAPPED_SHARE: Final = 0.75
+LARGEST_EXACT_COUNT: Final = 2**53  #: counts above which float64 does not represent every integer
 
 
 class Counter(NamedTuple):
@@ -24,7 +25,7 @@ class Counter(NamedTuple):
     irregular: np.ndarray
 
 
-def counter_of(values: np.ndarray, least: int = LEAST) -> Counter | None:
+def counter_of(values: np.ndarray, least: int = LEAST_COUNTER_SAMPLES) -> Counter | None:
     """Return the counter that a channel (samples,) is, or None for another signal.
 
     A counter increases by the same step from sample to sample, except where it returns to its
@@ -34,7 +35,11 @@ def counter_of(values: np.ndarray, least: int = LEAST) -> Counter | None:
     back, a repeated count, and a counter that begins again once are irregular: samples were repeated,
     stored in another order, or are those of two recordings.
     """
-    if values.size < least or not np.isfinite(values).all() or np.abs(values).max() > LARGEST:
+    if (
+        values.size < least
+        or not np.isfinite(values).all()
+        or np.abs(values).max() > LARGEST_EXACT_COUNT
+    ):
         return None
     values = _without_damage(values)
     steps = np.diff(values)
@@ -49,7 +54,9 @@ def counter_of(values: np.ndarray, least: int = LEAST) -> Counter | None:
     if 2 * returns.sum() <= falls.sum() or (returns.sum() < 2 and not known):
         modulus = 0.0
     ahead = np.mod(steps, modulus) if modulus else steps
-    irregular = np.flatnonzero((ahead < 0.5 * step) | ((ahead > BACK * modulus) & (modulus > 0.0)))
+    irregular = np.flatnonzero(
+        (ahead < 0.5 * step) | ((ahead > WRAPPED_SHARE * modulus) & (modulus > 0.0))
+    )
     lost = np.rint(ahead / step).astype(np.int64) - 1
     return Counter(step, modulus, np.zeros_like(lost) if irregular.size else lost, irregular)
 

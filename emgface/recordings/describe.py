@@ -16,13 +16,13 @@ import numpy as np
 import pandas as pd
 
 from emgface.errors import DataError, EmgfaceError, UnitsError, listed
-from emgface.recordings.counters import LEAST, counter_of
+from emgface.recordings.counters import LEAST_COUNTER_SAMPLES, counter_of
 from emgface.recordings.dataset import read_recording
 from emgface.recordings.draft import Draft, toml_value
 from emgface.recordings.exports import layout_of
 from emgface.recordings.kinds import kind_of_name, signal_of
 from emgface.recordings.layout import text_layout, unit_in
-from emgface.recordings.readers._arrays import SUFFIXES as ARRAYS
+from emgface.recordings.readers._arrays import ARRAY_SUFFIXES
 from emgface.recordings.readers._build import unique_labels
 from emgface.recordings.readers._table_models import EmgTable
 from emgface.recordings.readers._tables import load_table
@@ -30,11 +30,17 @@ from emgface.recordings.readers.text_exports import export_of, left_out, part_of
 from emgface.recordings.timebase import of_stamps
 from emgface.schema.units import DIVISORS, spelling
 
-TEXTS: Final = (".csv", ".txt", ".tsv", ".dat", ".asc", ".gz")  #: suffixes of text tables
+TABLE_SUFFIXES: Final = (".csv", ".txt", ".tsv", ".dat", ".asc", ".gz")  #: suffixes of text tables
 PLAUSIBLE: Final = (1e-6, 1e-3)
 """Range of the fast part of surface EMG [V], by which its unit is guessed: three decades apart."""
-RATES: Final = (20.0, 100e3)  #: plausible sampling rates [Hz], by which the unit of time is guessed
-AXES: Final = (("_x", "_y", "_z"), (".x", ".y", ".z"), (" x", " y", " z"), (":x", ":y", ":z"))
+#: plausible sampling rates [Hz], by which the unit of time is guessed
+PLAUSIBLE_RATES: Final = (20.0, 100e3)
+AXIS_ENDINGS: Final = (
+    ("_x", "_y", "_z"),
+    (".x", ".y", ".z"),
+    (" x", " y", " z"),
+    (":x", ":y", ":z"),
+)
 _TIME: Final = re.compile(
     r"(time|t|zeit|tijd|temps|timestamps?|sec|seconds|elapsed)\b.*", re.IGNORECASE
 )
@@ -70,10 +76,11 @@ def describe(
     if not path.is_file():
         raise DataError(f"No file {path}; expected a table or array: check the path.")
     suffix = path.suffix.lower()
-    if suffix not in (*TEXTS, *ARRAYS):
+    if suffix not in (*TABLE_SUFFIXES, *ARRAY_SUFFIXES):
         raise DataError(
-            f"{path.name} ends in {suffix!r}; expected one of {', '.join((*TEXTS, *ARRAYS))}: other "
-            "formats state their rates and units themselves, open them with 'emgface check'."
+            f"{path.name} ends in {suffix!r}; expected one of "
+            f"{', '.join((*TABLE_SUFFIXES, *ARRAY_SUFFIXES))}: other formats state their rates and "
+            "units themselves, open them with 'emgface check'."
         )
     draft = Draft()
     folder = path.parent if sidecar_folder is None else Path(sidecar_folder)
@@ -85,14 +92,14 @@ def describe(
             "folder of the file or above it, because it may name no other file: write it there."
         )
     draft.put("file", relative)
-    layout = None if suffix in ARRAYS or columns is not None else layout_of(path)
+    layout = None if suffix in ARRAY_SUFFIXES or columns is not None else layout_of(path)
     if layout is not None:
         try:
             _export(path, draft, layout.NAME, unit)
             return _checked(path, draft, folder, confirmed)
         except _NoUnit:
             del draft.lines[2:]  # counts without a transfer function: a table of the user
-    if suffix in ARRAYS:
+    if suffix in ARRAY_SUFFIXES:
         frame, own_rate = array_table(path, draft, variable, columns)
         units, rate = dict.fromkeys(frame.columns, ""), rate or own_rate
     else:
@@ -220,7 +227,7 @@ def _clock(
     counting: list[str] = []
     for name in frame.columns:
         values = frame[name].to_numpy()
-        counter = None if _TIME.fullmatch(name) else counter_of(values, LEAST)
+        counter = None if _TIME.fullmatch(name) else counter_of(values, LEAST_COUNTER_SAMPLES)
         if counter is not None and counter.modulus > 0:
             counting.append(name)
             draft.lines.append(f"# The column {toml_value(name)} is a counter and is left out.")
@@ -251,7 +258,9 @@ def _clock(
             {stated: DIVISORS["s"][stated]} if stated else DIVISORS["s"] | {"min": 1.0 / 60.0}
         )
         fits = {
-            u: d / mean for u, d in divisors.items() if stated or RATES[0] <= d / mean <= RATES[1]
+            u: d / mean
+            for u, d in divisors.items()
+            if stated or PLAUSIBLE_RATES[0] <= d / mean <= PLAUSIBLE_RATES[1]
         }
         if not fits or rate is not None:
             counting.append(name)
@@ -350,7 +359,7 @@ def _axis(name: str, frame: pd.DataFrame) -> tuple[str, str, str] | None:
     """Suffixes of the three columns of the marker to which a column may belong."""
     if kind_of_name(name) is not None:
         return None  # accelerometers also have axes
-    for endings in AXES:
+    for endings in AXIS_ENDINGS:
         for known in (endings, tuple(e.upper() for e in endings)):
             stem = name[: len(name) - len(known[0])]
             if name.endswith(known) and stem and all(stem + e in frame.columns for e in known):

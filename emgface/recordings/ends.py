@@ -16,10 +16,9 @@ _NUMBER: Final = re.compile(r"[+-]?(?=[.,\d]|$)(\d*)(?:[.,](\d*))?(?:[eE]([+-]?\
 
 
 SEARCHED: Final = 2000  #: pairs of lines in which successive values are compared
-REPEATED: Final = (
-    2  #: most lines that are taken for written twice; more are values that stay the same
-)
-UNEQUAL: Final = 2  #: columns whose successive values must differ everywhere else
+#: most lines that are taken for written twice; more are values that stay the same
+REPEATED: Final = 2
+LEAST_CHANGING_COLUMNS: Final = 2  #: columns whose successive values must differ everywhere else
 
 
 def doubtful_lines(text: str, delimiter: str) -> list[Finding]:
@@ -30,8 +29,9 @@ def doubtful_lines(text: str, delimiter: str) -> list[Finding]:
 def repeated_line(text: str, delimiter: str) -> list[Finding]:
     """Return a finding if a line equals the one before, and nowhere else do successive values.
 
-    In at least `UNEQUAL` columns, successive values differ in all other pairs of lines (of the
-    `SEARCHED` nearest ones). Signals of few levels, or at rest, repeat values also elsewhere.
+    In at least `LEAST_CHANGING_COLUMNS` columns, successive values differ in all other pairs of
+    lines (of the `SEARCHED` nearest ones). Signals of few levels, or at rest, repeat values also
+    elsewhere.
     """
     lines = text.rstrip("\x00\x1a\r\n").split("\n")
     same = [k for k, (a, b) in enumerate(pairwise(lines)) if a == b and delimiter in a]
@@ -47,7 +47,7 @@ def repeated_line(text: str, delimiter: str) -> list[Finding]:
     unequal = sum(
         bool(own[k].strip()) and all(a[k] != b[k] for a, b in others) for k in range(len(own))
     )
-    if len(others) < BEFORE or unequal < UNEQUAL:
+    if len(others) < BEFORE or unequal < LEAST_CHANGING_COLUMNS:
         return []
     values = {"line": same[0] + 2, "cells": unequal}
     return [Finding("repeated_line", values=values)]

@@ -16,8 +16,8 @@ from emgface.recordings.bids.sidecars import read_tsv
 from emgface.recordings.synchronise import cut
 from emgface.signals.filters import sampling_rate
 
-COLUMNS = ("onset", "duration", "label")
-OVERLAP: Final = 0.1
+EVENT_COLUMNS = ("onset", "duration", "label")
+UNDOUBTED_OVERLAP: Final = 0.1
 """Part of a trial that the next one may share without a warning [1], such as rest between them."""
 
 
@@ -64,7 +64,7 @@ def cut_trials(
     """
     counts: dict[str, int] = {}
     outside, spans = list[str](), list[tuple[float, float]]()
-    for onset, duration, label in zip(*(events[c] for c in COLUMNS), strict=True):
+    for onset, duration, label in zip(*(events[c] for c in EVENT_COLUMNS), strict=True):
         start, stop = float(onset) - before, float(onset) + float(duration) + after
         instruction = str(label) or str(recording.attrs.get("instruction", ""))
         counts[instruction] = counts.get(instruction, 0) + 1
@@ -93,12 +93,12 @@ def cut_trials(
 
 
 def _shared(spans: list[tuple[float, float]]) -> list[str]:
-    """Parts in which successive intervals [s] overlap by more than `OVERLAP` of the shorter one."""
+    """Parts in which successive intervals overlap by more than `UNDOUBTED_OVERLAP` of the shorter."""
     ordered = sorted(spans)
     return [
         f"{start:.4g} to {min(end, stop):.4g} s"
         for (begin, end), (start, stop) in pairwise(ordered)
-        if min(end, stop) - start > OVERLAP * min(end - begin, stop - start)
+        if min(end, stop) - start > UNDOUBTED_OVERLAP * min(end - begin, stop - start)
     ]
 
 
@@ -114,9 +114,9 @@ def _beyond(recording: xr.Dataset, start: float, stop: float) -> str:
     return ""
 
 
-LEVEL: Final = 0.2
+REPETITION_LEVEL: Final = 0.2
 """Part of the range of activity that a repetition exceeds [1]."""
-WINDOW: Final = 0.2
+ACTIVITY_WINDOW: Final = 0.2
 """Duration over which activity is averaged [s]."""
 
 
@@ -128,12 +128,12 @@ def find_repetitions(
 ) -> pd.DataFrame:
     """Find the bursts of activity that are repetitions of a movement.
 
-    Activity is the root mean square over the rows, in a moving window (`WINDOW`), of the band-passed EMG
-    or of the speed of markers (positions [m] in the head frame without gaps). A repetition lasts while
-    it exceeds rest + LEVEL (peak - rest), with rest and peak the 10th and 99th percentiles; pauses
-    shorter than `least_rest` [s] are included, bursts shorter than `least_duration` [s] are
-    omitted. The result has the columns ``onset``, ``duration`` [s] and ``label`` (empty). Raises
-    SignalError if the signal has gaps, is constant, or contains no burst.
+    Activity is the root mean square over the rows, in a moving window (`ACTIVITY_WINDOW`), of the
+    band-passed EMG or of the speed of markers (positions [m] in the head frame without gaps). A
+    repetition lasts while it exceeds rest + LEVEL (peak - rest), with rest and peak the 10th and
+    99th percentiles; pauses shorter than `least_rest` [s] are included, bursts shorter than
+    `least_duration` [s] are omitted. The result has the columns ``onset``, ``duration`` [s] and
+    ``label`` (empty). Raises SignalError if the signal has gaps, is constant, or contains no burst.
     """
     name = str(next(d for d in signal.dims if str(d).startswith("time")))
     time = signal[name].values
@@ -150,7 +150,7 @@ def find_repetitions(
         values = values / scale
     if values.size == 0:
         raise SignalError("the signal never changes, expected bursts of activity")
-    size = max(1, round(WINDOW * rate))
+    size = max(1, round(ACTIVITY_WINDOW * rate))
     activity = np.sqrt(uniform_filter1d(np.mean(values**2, axis=0), size, mode="nearest"))
     rest, peak = np.percentile(activity, [10, 99])
     if peak < 1.5 * rest:
@@ -158,7 +158,7 @@ def find_repetitions(
             f"activity lies between {rest:.3g} and {peak:.3g} of its root mean square, expected "
             "rest between bursts: cut the trials by events instead"
         )
-    on = activity > rest + LEVEL * (peak - rest)
+    on = activity > rest + REPETITION_LEVEL * (peak - rest)
     edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(np.int8)))
     starts, stops = edges[::2], edges[1::2]
     kept: list[list[int]] = []

@@ -12,19 +12,19 @@ import xarray as xr
 
 from emgface.recordings.findings import Finding, with_findings
 
-LEAST: Final = 20  #: samples from which fillers can be recognised
-CHANCE: Final = (
-    1e-6  #: probability of a run of equal samples by chance below which it is a held value
-)
-FINE: Final = 3.0
+LEAST_FILLER_SAMPLES: Final = 20  #: samples from which fillers can be recognised
+#: probability of a run of equal samples by chance below which it is a held value
+FILLER_CHANCE: Final = 1e-6
+FINE_STEPS: Final = 3.0
 """Usual step over the resolution above which repeated values are not due to the resolution."""
-FAR: Final = 5.0  #: distance of a constant from all other values, over their range
+FILLER_DISTANCE: Final = 5.0  #: distance of a constant from all other values, over their range
 FAR_MARKER: Final = 0.5  #: distance of a constant from all other positions [m]
-JUMP: Final = 5.0  #: distance of a marker from the origin next to zeros, in usual large steps
-NOISE: Final = 0.02
+#: distance of a marker from the origin next to zeros, in usual large steps
+ORIGIN_JUMP: Final = 5.0
+NOISE_SHARE: Final = 0.02
 """Third differences of a marker over its steps above which it has the noise of a measurement."""
-SLOWEST: Final = 5e-3  #: sampling interval [s] above which a signal is no surface EMG
-SHORTEST: Final = 0.005  #: time at one value [s] below which EMG is not changed
+LONGEST_EMG_INTERVAL: Final = 5e-3  #: sampling interval [s] above which a signal is no surface EMG
+SHORTEST_HOLD: Final = 0.005  #: time at one value [s] below which EMG is not changed
 
 
 class Filler(NamedTuple):
@@ -74,11 +74,11 @@ def without_fillers(recording: xr.Dataset) -> xr.Dataset:
 def emg_fillers(values: np.ndarray, period: float) -> Iterator[Filler]:
     """Find the fillers of a channel (samples,) [V] sampled every `period` [s]."""
     yield from _infinite(values[None])
-    if values.size < LEAST:
+    if values.size < LEAST_FILLER_SAMPLES:
         return
     finite = np.isfinite(values)
     values = np.where(finite, values, np.nan)
-    far = _far(values[None], FAR, 0.0)
+    far = _far(values[None], FILLER_DISTANCE, 0.0)
     if far is not None:
         yield far
         finite &= ~far.mask
@@ -87,7 +87,7 @@ def emg_fillers(values: np.ndarray, period: float) -> Iterator[Filler]:
     if not _rough(values, period):
         return  # a slow signal, which may rest at a value
     edges = values[finite].min(), values[finite].max()
-    shortest = SHORTEST / period if period > 0 else np.inf
+    shortest = SHORTEST_HOLD / period if period > 0 else np.inf
     for start, stop in _runs(values[None], finite):
         value = values[start]
         # A run at a limit is saturation, or rectified EMG at rest.
@@ -98,7 +98,7 @@ def emg_fillers(values: np.ndarray, period: float) -> Iterator[Filler]:
 
 def _rough(values: np.ndarray, period: float) -> bool:
     """Return True if a signal varies within 5 ms as surface EMG does, not as a straight line."""
-    if not 0 < period <= SLOWEST:
+    if not 0 < period <= LONGEST_EMG_INTERVAL:
         return False
     lag = max(8, round(5e-3 / period))
     near, far = (np.abs(values[k:] - values[:-k]) for k in (1, lag) if k < values.size)
@@ -121,10 +121,10 @@ def marker_fillers(values: np.ndarray, elsewhere: float) -> Iterator[Filler]:
     if zero.any() and (elsewhere > FAR_MARKER or (others >= 3 and _apart(values, zero, finite))):
         yield Filler(zero, "zeros")
         finite &= ~zero
-    if values.shape[1] < LEAST or not finite.any():
+    if values.shape[1] < LEAST_FILLER_SAMPLES or not finite.any():
         return
     kept = np.where(finite, values, np.nan)
-    far = _far(kept, FAR, FAR_MARKER)
+    far = _far(kept, FILLER_DISTANCE, FAR_MARKER)
     if far is not None:
         yield far
         finite &= ~far.mask
@@ -133,7 +133,7 @@ def marker_fillers(values: np.ndarray, elsewhere: float) -> Iterator[Filler]:
     usual = float(np.nanpercentile(steps, 90)) if np.isfinite(steps).any() else np.inf
     for start, stop in _runs(kept, finite):
         # A marker without noise, as of a simulation, may rest; it does not jump afterwards.
-        if noisy or (stop <= steps.size and steps[stop - 1] > JUMP * usual):
+        if noisy or (stop <= steps.size and steps[stop - 1] > ORIGIN_JUMP * usual):
             yield _constant_run(values.shape[1], start, stop, False)
 
 
@@ -146,7 +146,7 @@ def _noisy(values: np.ndarray) -> bool:
     moving, rough = first[first > 0], third[third > 0]
     if not moving.size or not rough.size:
         return False
-    return float(np.median(rough)) > NOISE * float(np.median(moving))
+    return float(np.median(rough)) > NOISE_SHARE * float(np.median(moving))
 
 
 def _apart(values: np.ndarray, zero: np.ndarray, finite: np.ndarray) -> bool:
@@ -159,7 +159,7 @@ def _apart(values: np.ndarray, zero: np.ndarray, finite: np.ndarray) -> bool:
     steps = np.linalg.norm(np.diff(values, axis=1), axis=0)[moving[1:] & moving[:-1]]
     if not adjacent.size or not steps.size:
         return True
-    return float(np.median(adjacent)) > JUMP * float(np.percentile(steps, 90))
+    return float(np.median(adjacent)) > ORIGIN_JUMP * float(np.percentile(steps, 90))
 
 
 def _constant_run(size: int, start: int, stop: int, zero: bool) -> Filler:
@@ -183,7 +183,7 @@ def _far(values: np.ndarray, ratio: float, least: float) -> Filler | None:
     """
     finite = np.asarray(np.isfinite(values).all(axis=0))
     points = values[:, finite]
-    if points.shape[1] < LEAST:
+    if points.shape[1] < LEAST_FILLER_SAMPLES:
         return None
     middle = np.median(points, axis=1, keepdims=True)
     away = np.abs(points - middle).max(axis=0)
@@ -207,19 +207,19 @@ def _runs(values: np.ndarray, finite: np.ndarray) -> Iterator[tuple[int, int]]:
     steps = np.diff(values, axis=1)
     both = finite[1:] & finite[:-1]
     equal = both & np.asarray((steps == 0.0).all(axis=0))
-    if not equal.any() or both.sum() < LEAST:
+    if not equal.any() or both.sum() < LEAST_FILLER_SAMPLES:
         return
     edges = np.flatnonzero(np.diff(np.concatenate(([0], equal.astype(np.int8), [0]))))
     starts, lengths = edges[::2], edges[1::2] - edges[::2]
     moving = np.abs(steps[:, both & ~equal])
     moving = moving[moving > 0]
-    if not moving.size or float(np.median(moving)) < FINE * float(moving.min()):
+    if not moving.size or float(np.median(moving)) < FINE_STEPS * float(moving.min()):
         return
     for start, length in zip(starts.tolist(), lengths.tolist(), strict=True):
         # Equal steps elsewhere; three runs of a filler do not make a fourth one likely.
         others = int((lengths[lengths < length]).sum())
         share = (others + 1.0) / (int(both.sum()) + 2.0)
-        if length >= 2 and values.shape[1] * share**length < CHANCE:
+        if length >= 2 and values.shape[1] * share**length < FILLER_CHANCE:
             yield start, start + length + 1
 
 

@@ -17,12 +17,12 @@ from emgface.errors import DataError
 from emgface.recordings.finding_codes import CODES, Verdict
 
 Kind = Literal["recording", "channel", "muscle", "marker"]
-KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
+FINDING_KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
 
 _Data = TypeVar("_Data", xr.Dataset, xr.DataArray)
 
 ATTRIBUTE: Final = "findings"  #: attribute of a dataset that contains its findings
-LARGEST: Final = 2000  #: most findings that a dataset stores; further ones are counted
+MOST_FINDINGS: Final = 2000  #: most findings that a dataset stores; further ones are counted
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def findings_in(dataset: xr.Dataset | xr.DataArray) -> list[Finding]:
 
 def _finding(item: dict[str, Any]) -> Finding:
     code, kind, name = (str(item.pop(key)) for key in ("code", "kind", "name"))
-    if code not in CODES or kind not in KINDS:
+    if code not in CODES or kind not in FINDING_KINDS:
         raise KeyError(code)
     if any(not isinstance(value, str | int | float) for value in item.values()):
         raise TypeError
@@ -98,7 +98,7 @@ def _stored(dataset: _Data, findings: Sequence[Finding]) -> _Data:
     result = dataset.assign_attrs()
     result.attrs.pop(ATTRIBUTE, None)
     if findings:
-        data = [finding.as_data() for finding in findings[:LARGEST]]
+        data = [finding.as_data() for finding in findings[:MOST_FINDINGS]]
         result.attrs[ATTRIBUTE] = json.dumps(data, ensure_ascii=False)
     return result
 
@@ -118,7 +118,7 @@ def shifted(
     dataset: xr.Dataset,
     shift: float,
     *,
-    kinds: Collection[Kind] = KINDS,
+    kinds: Collection[Kind] = FINDING_KINDS,
 ) -> xr.Dataset:
     """Move the instants of the findings of some kinds by `shift` [s], as those of their samples."""
 

@@ -7,7 +7,7 @@ from typing import Final
 from emgface.errors import DataError
 from emgface.recordings.dataset import may_be_recording, readers
 from emgface.recordings.exports import SUFFIXES as TABLES
-from emgface.recordings.readers._arrays import SUFFIXES as ARRAYS
+from emgface.recordings.readers._arrays import ARRAY_SUFFIXES
 from emgface.recordings.readers.text_exports import described_files
 
 DOCUMENTS: Final = ("readme", "license", "licence", "changes", "origin", "codebook", "requirements")
@@ -30,7 +30,7 @@ def left_out_files(folder: str | Path) -> dict[Path, str]:
                 reasons[here / name] = "a link to a folder, which is not followed"
         for name in files:
             path, suffix = here / name, os.path.splitext(name)[1].lower()
-            if suffix not in known and suffix not in ARRAYS:
+            if suffix not in known and suffix not in ARRAY_SUFFIXES:
                 continue
             if reason := _reason(path, suffix):
                 reasons[path] = reason
@@ -43,12 +43,12 @@ def _reason(path: Path, suffix: str) -> str:
         return ""  # settings and tables of a dataset
     if path.name.startswith("."):
         return "hidden"
-    if suffix in (*TABLES, *ARRAYS):
+    if suffix in (*TABLES, *ARRAY_SUFFIXES):
         if path.stem.lower() in DOCUMENTS:
             return ""
         if path.exists() and path.resolve() in described_files(path.parent):
             return ""
-        if suffix in ARRAYS or (path.exists() and not may_be_recording(path)):
+        if suffix in ARRAY_SUFFIXES or (path.exists() and not may_be_recording(path)):
             return "no sidecar describes it"
         return ""
     if path.exists() and not may_be_recording(path):

@@ -18,7 +18,7 @@ from emgface.signals.filters import sampling_rate
 from emgface.signals.parameters import HeadFrameParameters
 
 COLLINEAR = 1e-2  #: second over first singular value below which markers are regarded as collinear
-MIRRORED = 0.75
+MIRRORED_AXES_RATIO = 0.75
 """Misfit of the mirror image over that of the markers below which the axes are regarded as mirrored."""
 LARGEST_RATIO = 2.0  #: ratio of the sizes of two heads above which a unit is regarded as wrong
 
@@ -175,7 +175,7 @@ def _placed(own: np.ndarray, reference: np.ndarray) -> np.ndarray:
         return moved, float(np.linalg.norm((moved - reference)[known[0]]))
 
     (placed, given), (_, mirrored) = fitted(own), fitted(own * [-1.0, 1.0, 1.0])
-    if mirrored < MIRRORED * given:
+    if mirrored < MIRRORED_AXES_RATIO * given:
         raise MarkerError(
             f"face markers are {given / np.sqrt(known.sum()) * 1e3:.3g} mm (rms) from the reference "
             f"and their mirror image {mirrored / np.sqrt(known.sum()) * 1e3:.3g} mm, expected the "

@@ -15,12 +15,12 @@ from emgface.recordings.labels import note
 from emgface.schema.rules import one_line
 from emgface.texts import read_toml
 
-TEXTS = (".md", ".json", ".tsv", ".pdf", ".rst", ".license", "")
+DESCRIBING_SUFFIXES = (".md", ".json", ".tsv", ".pdf", ".rst", ".license", "")
 """Suffixes of files that describe recordings; of these only ``*_motion.tsv`` contains signals."""
 HEADER_COMPANIONS = (".eeg", ".dat", ".vmrk")
 """Suffixes of the files of a BrainVision recording, which is listed under its header."""
-COLUMNS = ("file", "format", "channels", "emg_rate", "markers", "marker_rate", "units", "duration",
-           "findings", "refusal")  # fmt: skip
+INVENTORY_COLUMNS = ("file", "format", "channels", "emg_rate", "markers", "marker_rate", "units",
+                     "duration", "findings", "refusal")  # fmt: skip
 _MOST = 3  #: largest number of findings of one kind that are listed
 
 
@@ -31,8 +31,8 @@ def inventory_table(folder: str | Path, *, sidecars: str | Path | None = None) -
     arrays, whose paths are relative to `folder`. Columns are ``file``, ``format``, number of
     ``channels`` and ``markers``, ``emg_rate`` and ``marker_rate`` [Hz], ``units`` of the source,
     ``duration`` [s], ``findings`` of the checks, or ``refusal``, the error message. Files that
-    describe others (`TEXTS`) are omitted. Raises DataError if the folder is absent or contains no
-    such file.
+    describe others (`DESCRIBING_SUFFIXES`) are omitted. Raises DataError if the folder is absent or
+    contains no such file.
     """
     root = Path(folder)
     rows = [_row(path, root, result) for path, result in read_files(root, sidecars=sidecars)]
@@ -40,7 +40,7 @@ def inventory_table(folder: str | Path, *, sidecars: str | Path | None = None) -
         raise DataError(
             f"{root} contains no file with signals; expected recordings: check the path."
         )
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+    return pd.DataFrame(rows, columns=list(INVENTORY_COLUMNS))
 
 
 def read_files(
@@ -88,7 +88,11 @@ def _files(root: Path) -> Iterator[Path]:
                 yield path
         elif reader is not None:
             yield path
-        elif suffix not in TEXTS and path.stem.lower() not in ("readme", "origin", "codebook"):
+        elif suffix not in DESCRIBING_SUFFIXES and path.stem.lower() not in (
+            "readme",
+            "origin",
+            "codebook",
+        ):
             yield path
 
 
@@ -136,7 +140,7 @@ def _unusable(root: Path, described: list[Path], by_file: dict[Path, Path]) -> s
 
 def _row(path: Path, root: Path, result: xr.Dataset | EmgfaceError) -> dict[str, Any]:
     reader = readers().get(path.suffix.lower())
-    row: dict[str, Any] = dict.fromkeys(COLUMNS)
+    row: dict[str, Any] = dict.fromkeys(INVENTORY_COLUMNS)
     row["file"] = path.relative_to(root).as_posix() if path.is_relative_to(root) else path.name
     row["format"] = reader.FORMAT if reader else path.suffix.lower().removeprefix(".")
     if isinstance(result, EmgfaceError):

@@ -9,14 +9,15 @@ from emgface.muscles import CHANNELS
 from emgface.recordings.labels import constant_value
 from emgface.recordings.quality.hum import LEAST_DURATION, power_density
 
-SLOW: Final = 10.0
+SLOW_FREQUENCY: Final = 10.0
 """Frequency [Hz] below which joint angles, forces and skin conductance have their power."""
 MOSTLY_SLOW: Final = 0.9
-"""Share of the power below `SLOW` from which a channel may be another signal than EMG."""
-LARGE: Final = 10e-3  #: standard deviation [V] that surface EMG does not reach, drift included
-FAINT: Final = 0.5e-6
+"""Share of the power below `SLOW_FREQUENCY` from which a channel may be another signal than EMG."""
+#: standard deviation [V] that surface EMG does not reach, drift included
+LARGEST_EMG_V: Final = 10e-3
+LEAST_NOISE_V: Final = 0.5e-6
 """Root mean square [V] above 20 Hz that every electrode on the skin exceeds by its noise."""
-LEVELS: Final = 8  #: most distinct values of a switch or a code of events
+MOST_CODES: Final = 8  #: most distinct values of a switch or a code of events
 
 _NAMES: Final = (
     ("accelerometer", r"acc|accel|acceleration|accelerometer"),
@@ -104,26 +105,28 @@ def signal_of(label: str, values: np.ndarray, rate: float) -> Signal:
         return Signal(named, f"its name is that of a {named} signal")
     finite = values[np.isfinite(values)]
     if (
-        finite.size > 20 * LEVELS
-        and np.unique(finite[:: max(1, finite.size // 20000)]).size <= LEVELS
+        finite.size > 20 * MOST_CODES
+        and np.unique(finite[:: max(1, finite.size // 20000)]).size <= MOST_CODES
     ):
-        return Signal("switch or event marker", f"it has at most {LEVELS} distinct values")
-    if finite.size > 20 * LEVELS and 0.0 <= finite.min() < 0.5 * np.std(finite):
+        return Signal("switch or event marker", f"it has at most {MOST_CODES} distinct values")
+    if finite.size > 20 * MOST_CODES and 0.0 <= finite.min() < 0.5 * np.std(finite):
         return Signal(
             "rectified EMG", "it is never negative and touches zero, which no raw EMG does"
         )
     if (
         finite.size < max(LEAST_DURATION * rate, 8)
         or finite.size < values.size
-        or not rate > 4 * SLOW
+        or not rate > 4 * SLOW_FREQUENCY
     ):
         return Signal("EMG")  # too short or too slow for a spectrum
     frequency, density = power_density(values, rate)
-    share = float(density[frequency < SLOW].sum() / density.sum())
-    above = float(np.sqrt(np.trapezoid(density[frequency >= 2 * SLOW], dx=frequency[1])))
+    share = float(density[frequency < SLOW_FREQUENCY].sum() / density.sum())
+    above = float(np.sqrt(np.trapezoid(density[frequency >= 2 * SLOW_FREQUENCY], dx=frequency[1])))
     spread = float(np.std(finite))
-    if share > MOSTLY_SLOW and (spread > LARGE or above < FAINT):
-        evidence = f"{share:.0%} of its power lies below {SLOW:g} Hz, with "
-        evidence += f"{spread * 1e3:.3g} mV in all and {above * 1e6:.3g} uV above {2 * SLOW:g} Hz"
+    if share > MOSTLY_SLOW and (spread > LARGEST_EMG_V or above < LEAST_NOISE_V):
+        evidence = f"{share:.0%} of its power lies below {SLOW_FREQUENCY:g} Hz, with "
+        evidence += (
+            f"{spread * 1e3:.3g} mV in all and {above * 1e6:.3g} uV above {2 * SLOW_FREQUENCY:g} Hz"
+        )
         return Signal("slow signal", f"{evidence}: a force, an angle or skin conductance, not EMG")
     return Signal("EMG")

@@ -20,7 +20,7 @@ from emgface.recordings.findings import (
     renamed,
     with_findings,
 )  # fmt: skip
-from emgface.recordings.trial_names import FIELDS, check_pattern, is_pattern, trial_in_name
+from emgface.recordings.trial_names import TRIAL_FIELDS, check_pattern, is_pattern, trial_in_name
 from emgface.schema.rules import hint
 from emgface.texts import read_toml
 
@@ -162,7 +162,7 @@ def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:
                 f"The table 'units' names {label!r}{hint(label, every)}; expected emg, position or the "
                 "label of a channel: repair the mapping."
             )
-    given = {name: value for name in FIELDS if (value := getattr(labels, name)) is not None}
+    given = {name: value for name in TRIAL_FIELDS if (value := getattr(labels, name)) is not None}
     called = given.get("instruction", recording.attrs.get("instruction"))
     if called in labels.instructions:
         given["instruction"] = labels.instructions[called]

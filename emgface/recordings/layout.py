@@ -12,7 +12,7 @@ from emgface.recordings.readers._build import require_few
 from emgface.schema.units import quantity_of, spelling
 from emgface.texts import marked_encoding, read_bytes
 
-HEAD: Final = 1 << 20  #: bytes of a file that are looked at
+INSPECTED_BYTES: Final = 1 << 20  #: bytes of a file that are looked at
 _DELIMITERS: Final = ("\t", ";", ",", "|", r"\s+")
 _NUMBER: Final = {
     sign: re.compile(
@@ -112,10 +112,10 @@ def unit_in(label: str) -> str:
 def _text(path: Path) -> tuple[str, str | None]:
     """Beginning of a file as text without its last, possibly truncated, line; and its encoding."""
     try:
-        data = read_bytes(path, HEAD)
+        data = read_bytes(path, INSPECTED_BYTES)
     except OSError as error:
         raise DataError(f"{path.name} cannot be read ({error}); expected a text table.") from error
-    whole = len(data) < HEAD
+    whole = len(data) < INSPECTED_BYTES
     marked = marked_encoding(data)
     if marked is None and b"\x00" in data[:4096]:
         raise DataError(

@@ -10,11 +10,12 @@ from scipy.optimize import linear_sum_assignment
 
 from emgface.recordings.quality.markers import LAYOUT
 
-NEAR: Final = 0.35  #: largest distance from the expected place, in halves of the mouth's width
-WIDTHS: Final = (0.015, 0.045)  #: smallest and largest half of a mouth's width [m]
+#: largest distance from the expected place, in halves of the mouth's width
+LARGEST_PLACE_ERROR: Final = 0.35
+HALF_MOUTH_WIDTHS: Final = (0.015, 0.045)  #: smallest and largest half of a mouth's width [m]
 CLEARER: Final = 1.5
 """Misfit of the second best orientation over that of the best from which the best is proposed."""
-FEWEST: Final = 14  #: least number of markers if no label is known
+LEAST_UNLABELLED_MARKERS: Final = 14  #: least number of markers if no label is known
 _REFINEMENTS: Final = 8
 
 
@@ -44,16 +45,20 @@ def with_places(table: pd.DataFrame, position: xr.DataArray) -> pd.DataFrame:
             return table
         placed, half = _laid(points[known], anchor, points[free])
     else:
-        oriented = _oriented(points[free], layout) if len(free) >= FEWEST else None
+        oriented = (
+            _oriented(points[free], layout) if len(free) >= LEAST_UNLABELLED_MARKERS else None
+        )
         if oriented is None:
             return table
         placed, half = oriented
-    if not WIDTHS[0] <= half <= WIDTHS[1]:
+    if not HALF_MOUTH_WIDTHS[0] <= half <= HALF_MOUTH_WIDTHS[1]:
         return table
     distance = np.linalg.norm(placed[:, None] - layout[None], axis=2)
     result = table.copy()
-    for i, j in zip(*linear_sum_assignment(np.minimum(distance, 10 * NEAR)), strict=True):
-        if distance[i, j] < NEAR:
+    for i, j in zip(
+        *linear_sum_assignment(np.minimum(distance, 10 * LARGEST_PLACE_ERROR)), strict=True
+    ):
+        if distance[i, j] < LARGEST_PLACE_ERROR:
             reason = (
                 f"lies {1e3 * half * distance[i, j]:.0f} mm from where {targets[j]} is expected"
             )
@@ -96,7 +101,7 @@ def _oriented(points: np.ndarray, layout: np.ndarray) -> tuple[np.ndarray, float
     placements.sort(key=lambda one: one[0])
     best = placements[0]
     others = [one[0] for one in placements if one[1] != best[1]]
-    if best[0] > NEAR or (others and min(others) < CLEARER * best[0]):
+    if best[0] > LARGEST_PLACE_ERROR or (others and min(others) < CLEARER * best[0]):
         return None
     return best[2], best[3]
 

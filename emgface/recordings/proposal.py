@@ -18,14 +18,14 @@ from emgface.recordings.places import with_places
 from emgface.recordings.words import (
     AMBIGUOUS,
     FILLERS,
-    MUSCLES,
+    MUSCLE_WORDS,
     OTHER_MUSCLES,
     PLACES,
-    SIDES,
+    SIDE_WORDS,
 )
 from emgface.schema.rules import nearest
 
-COLUMNS: Final = ("label", "name", "certainty", "reason")
+PROPOSAL_COLUMNS: Final = ("label", "name", "certainty", "reason")
 
 
 def propose_for(
@@ -83,7 +83,7 @@ def propose_mapping(
             name, certainty, reason = _one(f"{targets[label]} {label}", kind, side)
             certainty = "likely" if name else certainty
             rows[k] = (label, name, certainty, f"its target muscle is {targets[label]!r}: {reason}")
-    table = pd.DataFrame(rows, columns=list(COLUMNS))
+    table = pd.DataFrame(rows, columns=list(PROPOSAL_COLUMNS))
     for name in sorted(set(table["name"]) - {""}):
         claims = table["name"] == name
         if claims.sum() < 2:
@@ -162,9 +162,9 @@ def _words(label: str, kind: str) -> tuple[list[str], str | None]:
     """Words of a label without fillers, and the side in it."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", label)
     words = re.findall(r"[^\W\d_]+", spaced.lower())
-    sides = [SIDES[word] for word in words if word in SIDES]
+    sides = [SIDE_WORDS[word] for word in words if word in SIDE_WORDS]
     side = sides[0] if len(set(sides)) == 1 else None
-    kept = [w for w in words if w not in SIDES and (w not in FILLERS or kind == "marker")]
+    kept = [w for w in words if w not in SIDE_WORDS and (w not in FILLERS or kind == "marker")]
     if side is None and not sides and kept:
         # A side without separation from the muscle, as in 'LZYG' or 'zygR'.
         for letter in "lr":
@@ -180,7 +180,7 @@ def _words(label: str, kind: str) -> tuple[list[str], str | None]:
 def _table(kind: str) -> Mapping[str, tuple[str, ...]]:
     if kind == "marker":
         return PLACES
-    return {**MUSCLES, **OTHER_MUSCLES, **{phrase: (phrase,) for phrase in AMBIGUOUS}}
+    return {**MUSCLE_WORDS, **OTHER_MUSCLES, **{phrase: (phrase,) for phrase in AMBIGUOUS}}
 
 
 def _known(text: str, known: Mapping[str, tuple[str, ...]]) -> tuple[str | None, str]:

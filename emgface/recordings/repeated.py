@@ -17,7 +17,7 @@ from emgface.recordings.fillers import usable_parts
 from emgface.recordings.findings import Finding, findings_in, used, with_findings
 from emgface.signals.doubtful import little_in_common
 
-MARKERS: Final = (*FACE_MARKERS, *LIP_MARKERS)  #: markers from which a motion is scored
+SCORED_MARKERS: Final = (*FACE_MARKERS, *LIP_MARKERS)  #: markers from which a motion is scored
 STATED: Final = frozenset(
     "too_few invisible uneven absent_samples constant no_band narrow slow large little_in_common "
     "nothing_in_common lost lost_briefly ends".split()
@@ -47,7 +47,7 @@ def for_activation(recording: xr.Dataset) -> list[Finding]:
 
 def for_scores(recording: xr.Dataset) -> list[Finding]:
     """Findings on the face and lip markers, and on the clocks."""
-    markers = findings_for(recording.drop_vars("emg", errors="ignore"), markers=MARKERS)
+    markers = findings_for(recording.drop_vars("emg", errors="ignore"), markers=SCORED_MARKERS)
     return [*_of_clocks(recording), *markers]
 
 

@@ -4,7 +4,8 @@ from typing import Final
 
 import numpy as np
 
-LOST: Final = 0.6  #: excess of an interval, in periods, from which samples may be missing
+#: excess of an interval, in periods, from which samples may be missing
+LOST_SAMPLE_PERIODS: Final = 0.6
 BEYOND_JITTER: Final = 1.5  #: excess of a gap over the largest shortening of an interval by jitter
 
 
@@ -35,7 +36,9 @@ def places_of(times: np.ndarray, period: float) -> np.ndarray:
     excess = np.diff(times) - period
     jitter = max(float(-excess.min()), 0.0)
     step = resolution_of(times)
-    least = max(LOST * period, BEYOND_JITTER * jitter, 1.001 * step if step > period else 0.0)
+    least = max(
+        LOST_SAMPLE_PERIODS * period, BEYOND_JITTER * jitter, 1.001 * step if step > period else 0.0
+    )
     candidates = np.flatnonzero(excess > least)
     lost = np.zeros(excess.size, dtype=np.int64)
     if step > period and candidates.size:

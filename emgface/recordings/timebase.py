@@ -14,22 +14,22 @@ from typing import Final
 import numpy as np
 
 from emgface.errors import DataError
-from emgface.recordings.counters import LEAST, Counter, counter_of
+from emgface.recordings.counters import LEAST_COUNTER_SAMPLES, Counter, counter_of
 from emgface.recordings.findings import Finding, Kind
 from emgface.recordings.stamps import line_through, places_of, resolution_of, usual_period
 
-RATES_AGREE: Final = 2e-4
+RATE_STATEMENTS_AGREE: Final = 2e-4
 """Relative difference of two statements of a rate from which they contradict each other."""
 CLOCKS_AGREE: Final = 2e-3
 """Relative difference of a rate from that of another clock from which they contradict each other."""
 UNIFORM: Final = 1e-3  #: part of the period by which stored instants may differ from uniform ones
 ARRIVAL: Final = 0.05  #: step back of times of arrival [s] that is regarded as jitter
-AWAY: Final = 0.6  #: largest distance of an instant from the uniform ones, in periods
-LARGEST_GROWTH: Final = (
-    3.0  #: samples with gaps over samples recorded above which a file is refused
-)
+#: largest distance of an instant from the uniform ones, in periods
+LARGEST_JITTER_PERIODS: Final = 0.6
+#: samples with gaps over samples recorded above which a file is refused
+LARGEST_GROWTH: Final = 3.0
 _TIMES: Final = re.compile(r"(time|times|timestamp|time ?stamp|t|x)([ _\[(].*)?", re.IGNORECASE)
-LISTED: Final = 5  #: gaps that are described one by one
+MOST_LISTED_GAPS: Final = 5  #: gaps that are described one by one
 
 
 @dataclass(frozen=True)
@@ -95,9 +95,9 @@ class TimeBase:
                 "at": gap.at, "samples": gap.samples, "seconds": gap.samples / self.rate,
                 "evidence": self.evidence,
             })
-            for gap in self.gaps[:LISTED]
+            for gap in self.gaps[:MOST_LISTED_GAPS]
         ]  # fmt: skip
-        if len(self.gaps) > LISTED:
+        if len(self.gaps) > MOST_LISTED_GAPS:
             most = max(self.gaps, key=lambda gap: gap.samples)
             result.append(Finding("gaps", kind, "", {
                 "count": len(self.gaps), "samples": sum(gap.samples for gap in self.gaps),
@@ -137,7 +137,7 @@ def with_counter(
     base: TimeBase,
     channels: Mapping[str, np.ndarray],
     *,
-    least: int = LEAST,
+    least: int = LEAST_COUNTER_SAMPLES,
     duration: float | None = None,
 ) -> TimeBase:
     """Insert the samples that a counter among the channels shows to be lost.
@@ -298,12 +298,12 @@ def of_stamps(
         times = times[order]
         _require_different(where, times, period)
     nominal = nominal if nominal and np.isfinite(nominal) and nominal > 0 else None
-    agree = CLOCKS_AGREE if jittered else RATES_AGREE
+    agree = CLOCKS_AGREE if jittered else RATE_STATEMENTS_AGREE
     if nominal and abs(period * nominal - 1.0) < CLOCKS_AGREE:
         period = 1.0 / nominal
     places = places_of(times, period)
     period, start = line_through(places, times)
-    uniform = 0.1 if irregular else AWAY
+    uniform = 0.1 if irregular else LARGEST_JITTER_PERIODS
     _require_near(where, times, start + period * places, period, jittered, uniform, order)
     rate = 1.0 / period
     if nominal and not abs(rate / nominal - 1.0) <= largest_difference:
@@ -343,7 +343,7 @@ def differing(
     by: str,
     others: Mapping[str, float | None],
     samples: int,
-    within: float = RATES_AGREE,
+    within: float = RATE_STATEMENTS_AGREE,
 ) -> tuple[Finding, ...]:
     """Findings on statements of the rate that contradict the one that is used."""
     findings: list[Finding] = []

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from emgface.errors import ConfigurationError
 
-FIELDS: Final = ("volunteer", "instruction", "repetition")
+TRIAL_FIELDS: Final = ("volunteer", "instruction", "repetition")
 """Names in braces that a pattern may contain, and that identify a trial."""
 _FORMS: Final = {"volunteer": "[^/]+", "instruction": "[^/]+?", "repetition": r"\d+"}
 _FIELD: Final = re.compile(r"\{([^{}]*)\}")
@@ -20,13 +20,13 @@ def is_pattern(text: str | Path) -> bool:
     >>> is_pattern("{volunteer}_{instruction}_{repetition}.c3d"), is_pattern("mapping.toml")
     (True, False)
     """
-    return any(f"{{{name}}}" in str(text) for name in FIELDS)
+    return any(f"{{{name}}}" in str(text) for name in TRIAL_FIELDS)
 
 
 def check_pattern(pattern: str) -> str:
     """Return a pattern; ConfigurationError if it contains an unknown field, or one twice."""
     names = _FIELD.findall(pattern)
-    wrong = [name for name in names if name not in FIELDS or names.count(name) > 1]
+    wrong = [name for name in names if name not in TRIAL_FIELDS or names.count(name) > 1]
     if wrong or not names or "{" in _FIELD.sub("", pattern) or "}" in _FIELD.sub("", pattern):
         raise ConfigurationError(
             f"names = {pattern!r} contains {wrong[0] if wrong else 'no field'!r}; expected each of "

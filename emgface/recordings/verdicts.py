@@ -16,7 +16,7 @@ SMALLEST_VARIATION = 0.1e-6
 """Standard deviation [V] below which surface EMG is suspect: less than electrode noise."""
 CLIPPED = 0.01
 """Share of samples at one extreme value above which a channel is regarded as clipped."""
-LEAST_RATE = 800.0
+LEAST_EMG_RATE = 800.0
 """Sampling rate [Hz] below which surface EMG, to 400-500 Hz (van Boxtel 2001), is lost or folded."""
 JITTER = 0.1
 """Part of the sampling interval by which intervals may differ before the clock is suspect."""
@@ -116,7 +116,7 @@ def _band(name: str, rate: float) -> list[Finding]:
     except SignalError:
         band = {"low": wanted.low, "high": wanted.high}
         return [Finding("no_band", "channel", name, {"rate": rate, "half": rate / 2, **band})]
-    if rate < LEAST_RATE:
+    if rate < LEAST_EMG_RATE:
         return [Finding("slow", "channel", name, {"rate": rate, "half": rate / 2})]
     if high < wanted.high:
         numbers = {"rate": rate, "high": high, "wanted": wanted.high}

@@ -12,11 +12,11 @@ def _by_name(table: str) -> dict[str, tuple[str, ...]]:
     return {name: tuple(words) for name, words in _WORDS[table].items()}
 
 
-SIDES: Final[Mapping[str, str]] = {
+SIDE_WORDS: Final[Mapping[str, str]] = {
     word: side for side, words in _by_name("sides").items() for word in words
 }
 """Side, L or R, of a word for it."""
-MUSCLES: Final[Mapping[str, tuple[str, ...]]] = _by_name("muscles")
+MUSCLE_WORDS: Final[Mapping[str, tuple[str, ...]]] = _by_name("muscles")
 """Words for the muscles that are recorded."""
 OTHER_MUSCLES: Final[Mapping[str, tuple[str, ...]]] = _by_name("other_muscles")
 """Words for muscles of the head that the study does not record; the model may move some of them."""

@@ -35,11 +35,11 @@ SNAPSHOTS: Final = Stage(
     "snapshots", MECHANICS, without=("emgface.reduced", "sim.reduced", "sim._kernels.reduced")
 )
 """Motions at full order do not depend on reduced models."""
-STEP: Final = 0.01
+TRAINING_STEP: Final = 0.01
 """Time step of training and reduced motions [s]."""
 MECHANICAL: Final = (InvertedElement, NotConverged, SingularSystem, ContactFailure)
 """Failures that a weaker activation avoids."""
-WEAKER: Final = 0.8
+WEAKER_DRIVE: Final = 0.8
 """Factor on a drive of the plan after such a failure."""
 
 
@@ -47,7 +47,7 @@ def with_steps(parameters: SimulationParameters) -> SimulationParameters:
     """The same tissue, muscles and contact with the steps of the training, without renewals."""
     contact = parameters.contact.model_copy(update={"renewals": None})
     parameters = parameters.model_copy(update={"contact": contact})
-    steps = {"step": STEP, "output": STEP}
+    steps = {"step": TRAINING_STEP, "output": TRAINING_STEP}
     return parameters.as_accurate("published").model_copy(update=steps)
 
 
@@ -89,11 +89,11 @@ class FullOrder:
             try:
                 return self._motion(drive.scaled(scale), every).assign_attrs(scale=scale)
             except MECHANICAL:
-                scale *= WEAKER
+                scale *= WEAKER_DRIVE
         return xr.Dataset(attrs={"scale": 0.0})
 
     def _motion(self, drive: TrainingDrive, every: float) -> xr.Dataset:
-        stride = max(1, round(every / STEP))
+        stride = max(1, round(every / TRAINING_STEP))
         activation = Activation(drive.time, drive.values)
         work = Workspace(self.system, self.parameters.linear_solver)
         begun = time.process_time()
@@ -102,7 +102,7 @@ class FullOrder:
             activation,
             duration=float(drive.time[-1]),
             integrator=LinearlyImplicitEuler(),
-            steps=FixedStep(STEP),
+            steps=FixedStep(TRAINING_STEP),
             probes=(Positions(),),
             initial=State(0.0, self.rest, np.zeros_like(self.rest)),
             work=work,

@@ -18,10 +18,11 @@ from sim import Control, State, Workspace
 from sim.reduced import FusedEuler
 from sim.reduced.fused import OMITTED
 
-BAND: Final = (20.0, 450.0)
+LIVE_BAND: Final = (20.0, 450.0)
 """Pass-band [Hz] of the causal filter, a Butterworth filter of second order."""
-LARGEST: Final = 10.0  #: largest voltage of an amplifier [V]; others are faults of a transmission
-WINDOW: Final = 0.1
+#: largest voltage of an amplifier [V]; others are faults of a transmission
+LARGEST_VOLTAGE: Final = 10.0
+LIVE_WINDOW: Final = 0.1
 """Window of the root mean square [s], which ends at the present."""
 
 
@@ -40,22 +41,23 @@ class CausalFeature:
 
     def __post_init__(self) -> None:
         """Begin with silence."""
-        if self.rate <= 2.0 * BAND[1]:
+        if self.rate <= 2.0 * LIVE_BAND[1]:
             raise SignalError(
-                f"the sEMG has {self.rate:g} samples per second, expected more than {2.0 * BAND[1]:g} "
-                f"because of its filter of {BAND[0]:g} to {BAND[1]:g} Hz: record with a higher "
-                "sampling rate"
+                f"the sEMG has {self.rate:g} samples per second, expected more than "
+                f"{2.0 * LIVE_BAND[1]:g} because of its filter of {LIVE_BAND[0]:g} to "
+                f"{LIVE_BAND[1]:g} Hz: record with a higher sampling rate"
             )
-        self._filter = butter(2, BAND, "bandpass", fs=self.rate, output="sos")
+        self._filter = butter(2, LIVE_BAND, "bandpass", fs=self.rate, output="sos")
         self._memory = np.zeros((len(self._filter), self.weights.shape[1], 2))
-        self._squares = np.zeros((len(self.weights), round(WINDOW * self.rate)))
+        self._squares = np.zeros((len(self.weights), round(LIVE_WINDOW * self.rate)))
 
     def __call__(self, samples: Floats) -> Floats:
         """Feature (n_muscles,) [V] after some more samples (n_channels, k) [V].
 
-        Values that are not finite or beyond `LARGEST` count as 0 V: the filter would keep them for ever.
+        Values that are not finite or beyond `LARGEST_VOLTAGE` count as 0 V: the filter would keep
+        them for ever.
         """
-        samples = np.where(np.abs(samples) <= LARGEST, samples, 0.0)  # False for NaN
+        samples = np.where(np.abs(samples) <= LARGEST_VOLTAGE, samples, 0.0)  # False for NaN
         filtered, self._memory = sosfilt(self._filter, samples, axis=1, zi=self._memory)
         squares = (self.weights @ filtered) ** 2
         self._squares = np.concatenate([self._squares, squares], axis=1)[:, squares.shape[1] :]

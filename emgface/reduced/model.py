@@ -40,7 +40,7 @@ NOT_MECHANICS: Final = frozenset(
 """Parameters that a reduced face is not bound to; sigma_max may be lower."""
 
 
-SETTLING, LONG, AT_REST = 60, 1.0, 1e-12
+SETTLING_STEPS, LONGEST_STEP, AT_REST = 60, 1.0, 1e-12
 """Largest number of steps to the equilibrium, their length [s], and change at which they end [1]."""
 UPPER, LOWER = "lip opening, upper", "lip opening, lower"
 
@@ -196,9 +196,9 @@ class ReducedFace:
         system, integrator = self.model.system, FusedEuler(self.contact)
         work, silent = Workspace(system), system.control(np.zeros(len(system.muscles)))
         state = system.rest_state()
-        for _ in range(SETTLING):
+        for _ in range(SETTLING_STEPS):
             before = state
-            state, _ = integrator.step(system, before, silent, LONG, work)
+            state, _ = integrator.step(system, before, silent, LONGEST_STEP, work)
             if np.abs(state.q - before.q).max() <= AT_REST * np.abs(state.q).max():
                 break
         omitted = state.memory[OMITTED] * np.array([[1.0], [0.0]])

@@ -10,7 +10,7 @@ import xarray as xr
 from emgface.errors import DataError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.reduced.model import LOWER, UPPER, Floats, ReducedFace
-from emgface.reduced.trained import SAME
+from emgface.reduced.trained import SAME_STEP
 from emgface.run.digest import dataset_digest
 from sim import (
     Activation,
@@ -196,4 +196,4 @@ def _with_error(
 
 def step_ends(duration: float, step: float) -> Floats:
     """Ends [s] of the steps, at which they see the activation, also between the outputs."""
-    return np.append(step * np.arange(1, np.ceil((1.0 - SAME) * duration / step)), duration)
+    return np.append(step * np.arange(1, np.ceil((1.0 - SAME_STEP) * duration / step)), duration)

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-RAMP: Final = 0.4
+RAMP_DURATION: Final = 0.4
 """Duration of a ramp [s]: 0.1 s up, 0.15 s held, 0.1 s down."""
-RANDOM: Final = 1.0
+RANDOM_DURATION: Final = 1.0
 """Duration of a random sequence [s]."""
 PURPOSES: Final = ("training", "calibration", "test")
 """Purposes of drives; random sequences of different purposes are independent."""
-SAMPLE: Final = 0.01
+SAMPLE_INTERVAL: Final = 0.01
 """Time between samples of an activation [s]."""
 
 
@@ -82,7 +82,7 @@ def random_drives(muscles: Sequence[str], n: int, purpose: str, seed: int) -> li
 
 
 def _ramp(muscles: Sequence[str], active: Sequence[int]) -> TrainingDrive:
-    time = np.array([0.0, 0.1, 0.25, 0.35, RAMP])
+    time = np.array([0.0, 0.1, 0.25, 0.35, RAMP_DURATION])
     values = np.zeros((len(time), len(muscles)))
     values[1:3, active] = 1.0
     label = "ramp of " + " and ".join(muscles[i] for i in active)
@@ -92,13 +92,15 @@ def _ramp(muscles: Sequence[str], active: Sequence[int]) -> TrainingDrive:
 def _random(
     muscles: Sequence[str], label: str, purpose: str, rng: np.random.Generator
 ) -> TrainingDrive:
-    time: Floats = SAMPLE * np.arange(round(RANDOM / SAMPLE) + 1, dtype=np.float64)
+    time: Floats = SAMPLE_INTERVAL * np.arange(
+        round(RANDOM_DURATION / SAMPLE_INTERVAL) + 1, dtype=np.float64
+    )
     names = list(dict.fromkeys(m.rsplit("_", 1)[0] for m in muscles))
     count = int(rng.choice([1, 2, 3, len(names) // 2, len(names)], p=[0.1, 0.1, 0.3, 0.2, 0.3]))
     chosen = set(rng.choice(names, max(count, 1), replace=False))
     level = dict(zip(names, rng.uniform(0.1, 1.0, len(names)), strict=True))
     values = np.zeros((len(time), len(muscles)))
-    shared = np.sort(rng.uniform(0.0, 0.8 * RANDOM, 2))
+    shared = np.sort(rng.uniform(0.0, 0.8 * RANDOM_DURATION, 2))
     for i, muscle in enumerate(muscles):
         name = muscle.rsplit("_", 1)[0]
         if name not in chosen:

@@ -14,9 +14,9 @@ from emgface.signals.activation import emg_of
 from emgface.signals.filters import sampling_rate
 from emgface.signals.mapping import mapping_matrix
 
-TIMEOUT: Final = 5.0
+STREAM_TIMEOUT: Final = 5.0
 """Time in which a stream must be found [s]."""
-SILENT: Final = 1.0
+STREAM_END: Final = 1.0
 """Time without samples after which a stream has ended [s]."""
 
 
@@ -121,18 +121,18 @@ class Streamed:
                 "a stream requires the package pylsl, which is not installed: install "
                 "'emgface[stream]', or play a recording"
             ) from error
-        streams = pylsl.resolve_byprop("name", name, minimum=1, timeout=TIMEOUT)
+        streams = pylsl.resolve_byprop("name", name, minimum=1, timeout=STREAM_TIMEOUT)
         if not streams:
             raise SignalError(
-                f"no stream {name!r} was found within {TIMEOUT:g} s, expected one of the Lab Streaming "
-                "Layer in this network: start it, and check its name"
+                f"no stream {name!r} was found within {STREAM_TIMEOUT:g} s, expected one of the "
+                "Lab Streaming Layer in this network: start it, and check its name"
             )
         self._inlet = pylsl.StreamInlet(
             streams[0], max_buflen=10, processing_flags=pylsl.proc_clocksync, recover=False
         )
         self._pull, self.now, self._name = self._inlet.pull_chunk, pylsl.local_clock, name
         self._lost_error = pylsl.util.LostError
-        described = self._inlet.info(timeout=TIMEOUT)
+        described = self._inlet.info(timeout=STREAM_TIMEOUT)
         self.rate = float(described.nominal_srate())
         if self.rate <= 0.0:
             raise SignalError(f"stream {name!r} has no sampling rate, expected a regular one")
@@ -145,7 +145,7 @@ class Streamed:
 
     def start(self) -> None:
         """Forget what arrived before."""
-        self._inlet.open_stream(timeout=TIMEOUT)
+        self._inlet.open_stream(timeout=STREAM_TIMEOUT)
         self._inlet.flush()
         self._before, self._taken = np.nan, 0
 
@@ -156,12 +156,12 @@ class Streamed:
         times: list[float] = []
         while len(rows) < end - self._taken:
             try:
-                more, at = self._pull(timeout=SILENT, max_samples=end - self._taken - len(rows))
+                more, at = self._pull(timeout=STREAM_END, max_samples=end - self._taken - len(rows))
             except self._lost_error:
                 more, at = [], []
             if not at:
                 raise SignalError(
-                    f"stream {self._name!r} has sent no samples for {SILENT:g} s, expected "
+                    f"stream {self._name!r} has sent no samples for {STREAM_END:g} s, expected "
                     f"{self.rate:g} a second: check the sender; the log contains the frames before"
                 )
             new = [list(one) for one in more or []]

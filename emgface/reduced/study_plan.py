@@ -15,7 +15,14 @@ import numpy as np
 
 from emgface.errors import FeatureWarning
 from emgface.muscles import INSTRUCTIONS
-from emgface.reduced.plan import PURPOSES, SAMPLE, Floats, Sequences, TrainingDrive, random_drives
+from emgface.reduced.plan import (
+    PURPOSES,
+    SAMPLE_INTERVAL,
+    Floats,
+    Sequences,
+    TrainingDrive,
+    random_drives,
+)
 from emgface.signals.activation import activation_of
 from emgface.signals.parameters import SignalChain
 from emgface.volunteers.emg import synthesise_emg
@@ -24,11 +31,11 @@ from emgface.volunteers.person import SimulatedVolunteer, draw_volunteer
 from emgface.volunteers.session import trial_excitation
 from emgface.volunteers.settings import VolunteerParameters
 
-DURATION: Final = 1.3
+PLANNED_DURATION: Final = 1.3
 """Duration of the sEMG of a trial [s]; its activation lasts a window of 0.2 s less."""
-PUBLISHED: Final = ("act_all", "act_3", "act_rel")
+PUBLISHED_STRATEGIES: Final = ("act_all", "act_3", "act_rel")
 """Strategies of Eskes et al. 2017."""
-ACTIVE: Final = 0.5
+ACTIVE_AMPLITUDE: Final = 0.5
 """Amplitude of an active channel, relative to that at full activation, for its noise [1]."""
 PEOPLE: Final = 100_000
 """Volunteers of each purpose; those of two purposes never share an index."""
@@ -42,9 +49,9 @@ def sequences_of(activations: str) -> Sequences:
 def study_drives(muscles: Sequence[str], n: int, purpose: str, seed: int) -> list[TrainingDrive]:
     """Activations of n trials, each of another simulated volunteer."""
     world = VolunteerParameters().world.without("pick-up")
-    settings = VolunteerParameters(world=world, emg="noise", duration=DURATION)
+    settings = VolunteerParameters(world=world, emg="noise", duration=PLANNED_DURATION)
     first = 1 + PEOPLE * PURPOSES.index(purpose)
-    i, s = list(INSTRUCTIONS), PUBLISHED
+    i, s = list(INSTRUCTIONS), PUBLISHED_STRATEGIES
     pairs = [(i[k % len(i)], s[(k + k // len(i)) % len(s)]) for k in range(n)]
     return [
         _drive(muscles, draw_volunteer(first + k, seed), *pair, purpose, settings)
@@ -67,10 +74,12 @@ def _drive(
     gain = settings.world.amplitude ** rng.uniform() * np.array(list(person.gain.values()))
     decibels = np.array([snr[channel] for channel in person.gain])
     emg = synthesise_emg(
-        trial_excitation(person, instruction, 1, settings).sel(time_true=slice(None, DURATION)),
+        trial_excitation(person, instruction, 1, settings).sel(
+            time_true=slice(None, PLANNED_DURATION)
+        ),
         gain=gain,
         cross_talk=person.cross_talk,
-        baseline_noise=ACTIVE * gain / 10.0 ** (decibels / 20.0),
+        baseline_noise=ACTIVE_AMPLITUDE * gain / 10.0 ** (decibels / 20.0),
         mains_hum=person.mains_hum,
         rng=rng,
         sampling_rate=settings.sampling_rate,
@@ -84,7 +93,9 @@ def _drive(
         )
     given = activation["activation"].transpose("time", "muscle").sel(muscle=list(muscles))
     since = given["time"].values - float(given["time"][0])
-    time: Floats = SAMPLE * np.arange(int(since[-1] / SAMPLE + 1e-9) + 1, dtype=np.float64)
+    time: Floats = SAMPLE_INTERVAL * np.arange(
+        int(since[-1] / SAMPLE_INTERVAL + 1e-9) + 1, dtype=np.float64
+    )
     values = np.array([np.interp(time, since, row) for row in given.values.T]).T
     label = f"{purpose} {person.index % PEOPLE} {instruction} {strategy}"
     return TrainingDrive(label, purpose, time, np.clip(values, 0.0, 1.0))

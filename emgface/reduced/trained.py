@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 
 RIDGE: Final = 0.01
 """Activation below which a combination of muscles that was never trained is not recognised [1]."""
-SAME: Final = 1e-6
+SAME_STEP: Final = 1e-6
 """Relative difference of equal steps [1]."""
 
 
@@ -68,7 +68,7 @@ class Trained:
                 f"within the bound ({1e3 * self.change:.3g} mm)"
             )
         longest = float(np.diff(times, prepend=0.0).max())
-        if longest > (1.0 + SAME) * self.step:
+        if longest > (1.0 + SAME_STEP) * self.step:
             return f"the steps of {longest:g} s are longer than those of the training ({self.step:g} s)"
         return ""
 

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.reduced.full_order import MECHANICAL, STEP, FullOrder, stored_motion
+from emgface.reduced.full_order import MECHANICAL, TRAINING_STEP, FullOrder, stored_motion
 from emgface.reduced.model import (
     Floats,
     ReducedFace,
@@ -51,13 +51,13 @@ from sim.threads import one_blas_thread
 Progress = Callable[[str, int, int], None]
 
 
-FLOOR: Final = 1e-3
+SMALLEST_ESTIMATE: Final = 1e-3
 """Smallest estimate of the error before calibration [m]."""
-SAMPLED: Final = 300
+MOST_SAMPLED_STATES: Final = 300
 """Largest number of training states at which forces are sampled."""
-TOUCHED, CLOSE = 100, 2e-3
+TOUCHED, CLOSE_FACES = 100, 2e-3
 """Number of training states at which points near opposite faces are found, and their distance [m]."""
-SHOWN: Final = 1.0
+MARKER_WEIGHT: Final = 1.0
 """Weight of the markers in the norm of the modes, relative to the mass of the tissue."""
 
 
@@ -113,10 +113,10 @@ def reduce_face(
         "training_digest": text_digest("".join(digests)),
         "training_seconds": float(sum(d.time[-1] for d in plan)),
         "training_time_s": 0.0,
-        "step": STEP,
+        "step": TRAINING_STEP,
         "coverage": reduction.coverage,
         "error_factor": 1.0,
-        "error_floor": FLOOR,
+        "error_floor": SMALLEST_ESTIMATE,
         "largest_change": 0.0,
         "calibration_rms": 0.0,
         "calibration_largest": 0.0,
@@ -155,10 +155,10 @@ def _reduced(
     n = reduction.modes + reduction.omitted
     weight = mass.copy()
     nodes = full.face["marker_node"].values.astype(np.int64)
-    weight[nodes] += SHOWN * mass.sum() / len(nodes)
+    weight[nodes] += MARKER_WEIGHT * mass.sum() / len(nodes)
     modes, values = mass_modes(np.concatenate([moved, responses]), mass, n, weight)
     whole = reduce_system(system, rest, modes, reduction.modes)
-    at = np.linspace(0, len(moved) - 1, min(SAMPLED, len(moved))).astype(int)
+    at = np.linspace(0, len(moved) - 1, min(MOST_SAMPLED_STATES, len(moved))).astype(int)
     y = np.ascontiguousarray(projected(moved[at], mass, modes)[:, : reduction.modes])
     _, sample = whole.sampled_at(
         y,
@@ -198,15 +198,17 @@ def _reduced(
     contact = full.system.contact
     if contact is not None:
         some = np.linspace(0, len(moved) - 1, min(TOUCHED, len(moved))).astype(int)
-        near = near_vertices(contact, rest + moved[some], CLOSE)
+        near = near_vertices(contact, rest + moved[some], CLOSE_FACES)
         data["contact_slot"] = "contact_point", near, {"units": "1"}
     return data.assign_attrs(largest_distance=float(whitened_size(levels, root).max()))
 
 
 def _steps(drive: TrainingDrive) -> Floats:
     """Changes of the activation in each step of a drive that begins at rest."""
-    ends: Floats = STEP * np.arange(1, round(float(drive.time[-1]) / STEP) + 1, dtype=np.float64)
-    return changes(ends, Activation(drive.time, drive.values).at_all(ends), STEP)
+    ends: Floats = TRAINING_STEP * np.arange(
+        1, round(float(drive.time[-1]) / TRAINING_STEP) + 1, dtype=np.float64
+    )
+    return changes(ends, Activation(drive.time, drive.values).at_all(ends), TRAINING_STEP)
 
 
 def _projection_errors(
@@ -231,7 +233,11 @@ def marker_errors(
 ) -> tuple[Floats, xr.Dataset]:
     """Distance (time, marker) [m] of a reduced motion from that of full order, and the motion."""
     simulated = simulate_reduced(
-        reduced, Activation(drive.time, drive.values), float(drive.time[-1]), step=STEP, output=STEP
+        reduced,
+        Activation(drive.time, drive.values),
+        float(drive.time[-1]),
+        step=TRAINING_STEP,
+        output=TRAINING_STEP,
     )
     position = simulated["position"].transpose("time", "marker", "axis").values
     return np.linalg.norm(position - motion["marker_position"].values, axis=2), simulated
@@ -252,7 +258,7 @@ def _correct(
                 Activation(drive.time, drive.values),
                 duration=float(drive.time[-1]),
                 integrator=FusedEuler(reduced.contact),
-                steps=FixedStep(STEP),
+                steps=FixedStep(TRAINING_STEP),
                 probes=(reduced.markers, Features(n)),
                 initial=reduced.equilibrium,
             )
@@ -285,11 +291,11 @@ def _calibrate(
     for drive, motion in _with_purpose(plan, motions, "calibration"):
         error, simulated = marker_errors(reduced, drive, motion)
         errors.append(error)
-        estimates.append(simulated["reduction_error"].values - FLOOR)
+        estimates.append(simulated["reduction_error"].values - SMALLEST_ESTIMATE)
         changed.append(float(response_size(_steps(drive), reduced.trained.response).max()))
     largest, estimate = np.array([e.max(axis=1) for e in errors]), np.array(estimates)
-    factor = coverage_factor(largest, estimate, FLOOR, coverage)
-    within = (largest <= factor * (estimate + FLOOR)).all(axis=1)
+    factor = coverage_factor(largest, estimate, SMALLEST_ESTIMATE, coverage)
+    within = (largest <= factor * (estimate + SMALLEST_ESTIMATE)).all(axis=1)
     data.attrs["error_factor"] = factor
     data.attrs["largest_change"] = float(np.array(changed)[within].max(initial=0.0))
     data.attrs["calibration_rms"] = float(np.sqrt(np.mean(np.square(errors))))

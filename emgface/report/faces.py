@@ -9,7 +9,7 @@ from analysis.figures.style import blank, grid, heading, legend, styled
 from analysis.tables import origin_of
 from emgface.pictures.body import Body
 from emgface.pictures.render import VIEWS
-from emgface.pictures.stills import MARKS, lips_window, marks, paint, recording_label
+from emgface.pictures.stills import MARKER_SYMBOLS, lips_window, marks, paint, recording_label
 
 
 @styled
@@ -48,13 +48,13 @@ def study_faces(faces: xr.Dataset, body: Body) -> Figure:
                 panel.set_axis_off()
                 continue
             paint(panel, body, one["position"].values, view, window, pixels=260)
-            for name, style in MARKS.items():
+            for name, style in MARKER_SYMBOLS.items():
                 marks(panel, one[name].values, view, **style)
     texts = {
         "simulated": "simulated by the face model",
         "measured": recording_label(origin_of(faces)),
     }
-    handles = [Line2D([], [], linestyle="", label=texts[n], **s) for n, s in MARKS.items()]
+    handles = [Line2D([], [], linestyle="", label=texts[n], **s) for n, s in MARKER_SYMBOLS.items()]
     legend(figure, handles)
     heading(figure, "simulated faces, farthest from rest", origin_of(faces))
     return figure

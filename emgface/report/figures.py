@@ -41,7 +41,7 @@ from emgface.signals.filters import bandpass
 CHANNELS_SHOWN = ("OOS_L", "OOI_L", "RIS_L", "ZYG_L", "LLSAN_L", "DAO_L", "MEN_L")
 
 
-SCALE = 1.4  #: of the figures of a page, so that their print is as large as its text
+FIGURE_SCALE = 1.4  #: of the figures of a page, so that their print is as large as its text
 
 
 @dataclass(frozen=True)
@@ -313,4 +313,4 @@ def _drawn(
         results.notes.append(f"The figure '{title}' is omitted: {error}")
         return []
     description = f"{title_of(figure)}. {caption}"
-    return [Drawn(name, title, caption, svg_of(figure, name, description, scale=SCALE))]
+    return [Drawn(name, title, caption, svg_of(figure, name, description, scale=FIGURE_SCALE))]

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from analysis.cube import TRIAL_DIMS
 from emgface.files import write_text
 from emgface.pictures.body import skin_of
 from emgface.pictures.page import motion_page
@@ -12,8 +13,6 @@ from emgface.run.store import Store
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.stages import Laboratory
 from emgface.study.table import load_recording
-
-TRIAL = ("volunteer", "instruction", "repetition", "strategy")
 
 
 class FirstMotion:
@@ -78,7 +77,9 @@ class FirstMotion:
             attrs = laboratory.motion(drive, label).dataset.attrs
             moved = laboratory.skin_motion(drive, float(attrs["sigma_max"]), label).dataset
             time = moved["time"].values
-            named = {name: activation.attrs[name] for name in TRIAL if name in activation.attrs}
+            named = {
+                name: activation.attrs[name] for name in TRIAL_DIMS if name in activation.attrs
+            }
             moved = moved.assign_attrs(attrs | named | {"output": float(time[1] - time[0])})
             drawn = with_surface(moved, laboratory.face, skin_of(laboratory.face))
             write_text(self._page, motion_page(drawn, activation))

@@ -17,7 +17,11 @@ FEATURES = {
     "mav": "mean absolute value",
     "envelope": "linear envelope with the neural transfer function of Buchanan et al. (2004)",
 }
-STAGES = {"signal": "filtered signals", "feature": "features", "activation": "normalised features"}
+STAGE_WORDS = {
+    "signal": "filtered signals",
+    "feature": "features",
+    "activation": "normalised features",
+}
 VOLUMES = {
     "pointwise": "at each Gauss point",
     "element": "of each element",
@@ -28,7 +32,7 @@ TANGENTS = {
     "passive": "current tangent stiffness without activation",
     "rest": "stiffness at rest",
 }
-INTEGRATORS = {
+INTEGRATOR_WORDS = {
     "converged": "the implicit Euler method, each step iterated until it converged,",
     "trapezoidal": "the trapezoidal rule, each step iterated until it converged,",
     "sdirk2": "the second-order L-stable SDIRK method, each stage iterated until it converged,",
@@ -101,7 +105,7 @@ def _signals(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
     oom = "with the weights given in the text" if chain.mapping.oom == "text" else "as printed"
     sentences.append(
         "The activity of ten muscles per side was derived from the "
-        f"{STAGES[chain.mapping.mapping_stage]} of {'seven' if complete else 'up to seven'} "
+        f"{STAGE_WORDS[chain.mapping.mapping_stage]} of {'seven' if complete else 'up to seven'} "
         f"electrodes per side (Eqs 2-6 of Eskes et al. 2017, Eq. 3 {oom})."
     )
     if not complete:
@@ -179,7 +183,7 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
         if s.error_tolerance is not None
         else f" of {1e3 * s.step:g} ms"
     )
-    sentences.append(f"Motion was integrated by {INTEGRATORS[s.solver]} in steps{control}.")
+    sentences.append(f"Motion was integrated by {INTEGRATOR_WORDS[s.solver]} in steps{control}.")
     full_order = s.reduced.file is None or s.reduced.fall_back
     if s.contact.method != "none" and full_order:
         sentences.append(f"{contact_statement(s.solver, repeated=s.check_contact)}.")

@@ -22,7 +22,7 @@ from emgface.pictures.encoding import (
 from emgface.pictures.lips import lips_of_motion
 from emgface.report.results import FAILURES, ReportedTrial, Results, representative
 
-LARGEST: Final = 9_000_000
+MOST_MOTION_CHARACTERS: Final = 9_000_000
 """Limit of the characters of all motions, above which every second frame is omitted."""
 
 Say = Callable[[str, int, int], None]
@@ -119,7 +119,7 @@ def _encoded(
     face, first = results.laboratory.face, shown[0]
     rest = face["position"].values[skin.node]
     every, trials = 1, _with_frames(shown, middle_of(rest), 1)
-    while sum(len(trial["skin"]) for trial in trials) > LARGEST and every < 8:
+    while sum(len(trial["skin"]) for trial in trials) > MOST_MOTION_CHARACTERS and every < 8:
         every *= 2
         trials = _with_frames(shown, middle_of(rest), every)
     return body_data(body, rest) | {

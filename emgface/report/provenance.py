@@ -57,12 +57,12 @@ def environments(cube: xr.Dataset) -> list[tuple[str, list[tuple[str, str]]]]:
                 text = ", ".join(f"{k} {v}" for k, v in pairs.items()) or "none"
             else:
                 text = str(value)
-            rows.append((WORDS.get(str(key)) or str(key), text))
+            rows.append((PROVENANCE_WORDS.get(str(key)) or str(key), text))
         listed.append((str(name), rows))
     return listed
 
 
-WORDS = {
+PROVENANCE_WORDS = {
     "blas": "BLAS of numpy",
     "code": "digest of the code",
     "python": "Python",

@@ -12,7 +12,7 @@ CANNOT = (
     "anatomy are computed by models with chosen parameters, which do not contain all "
     "properties of people. Scores and tests in this report do not apply to people."
 )
-MATCHED = (
+MATCHED_SENTENCE = (
     "In the matched world, the volunteers satisfy the assumptions of the study: their "
     "motion is computed with the laws of the study, force follows sEMG without delay, and "
     "electrodes record the combinations of muscles that the mapping of Eqs 2-6 resolves. "
@@ -23,7 +23,7 @@ REL_MATCHED = (
     "act_rel therefore contains the true selection of muscles by construction, and its "
     "advantage over the other strategies is not a finding."
 )
-OTHER = (
+OTHER_SENTENCE = (
     "These volunteers belong to the {world}. The sizes of their differences from the "
     "assumptions of the study were chosen. The scores show the effects of differences of "
     "these sizes; they do not show how large such differences are in people."
@@ -52,7 +52,7 @@ def simulated_limits(cube: xr.Dataset) -> list[str]:
     if not world:
         return [*sentences, UNLABELLED]
     matched = world == "matched world"
-    sentences.append(MATCHED if matched else OTHER.format(world=world))
+    sentences.append(MATCHED_SENTENCE if matched else OTHER_SENTENCE.format(world=world))
     if "act_rel" in cube["strategy"].values:
         sentences.append(REL_MATCHED if matched else REL_OTHER)
     return sentences

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from emgface.errors import ConfigurationError, ExecutionError, WorkerDied
 
-TIMEOUT: Final = 30.0  #: seconds to wait for a scheduler to answer
+SCHEDULER_TIMEOUT: Final = 30.0  #: seconds to wait for a scheduler to answer
 REFRESH: Final = 2.0  #: seconds between two counts of the workers
 AHEAD: Final = 2
 """Jobs submitted per thread of the workers, so that no worker waits for the next one."""
@@ -34,7 +34,7 @@ class DaskWorkers:
 
     tries = 1
 
-    def __init__(self, address: str, timeout: float = TIMEOUT) -> None:
+    def __init__(self, address: str, timeout: float = SCHEDULER_TIMEOUT) -> None:
         try:
             from distributed import Client  # pyright: ignore[reportMissingImports]
         except ImportError as error:

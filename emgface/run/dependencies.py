@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-PACKAGES: Final = ("emgface", "sim", "analysis")
+FOLLOWED_PACKAGES: Final = ("emgface", "sim", "analysis")
 """Packages whose imports are followed; others count by their own source."""
 WHOLE: Final = ("sim",)
 """Packages that count as a whole, and import none of the others."""
@@ -66,7 +66,7 @@ def _place(name: str) -> Path:
     """Source of a module without its suffix, the folder of a package."""
     package, *inner = name.split(".")
     spec = importlib.util.find_spec(package)
-    assert spec is not None and spec.origin is not None  # packages of `PACKAGES`
+    assert spec is not None and spec.origin is not None  # packages of `FOLLOWED_PACKAGES`
     return Path(spec.origin).parent.joinpath(*inner)
 
 
@@ -79,7 +79,7 @@ def _members(name: str) -> list[str]:
 @cache
 def _files(name: str) -> tuple[Path, ...]:
     """Source of a module, for a package of all its modules; none of other packages."""
-    if name.partition(".")[0] not in PACKAGES:
+    if name.partition(".")[0] not in FOLLOWED_PACKAGES:
         return ()
     place = _place(name)
     if (place / "__init__.py").is_file():
@@ -90,7 +90,7 @@ def _files(name: str) -> tuple[Path, ...]:
 
 @cache
 def _imports(file: Path) -> frozenset[str]:
-    """Modules of `PACKAGES` that the text of a module imports."""
+    """Modules of `FOLLOWED_PACKAGES` that the text of a module imports."""
     modules = set[str]()
     for node in ast.walk(ast.parse(file.read_bytes())):
         if isinstance(node, ast.Import):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # importing xarray takes longer than an unchanged report
     import xarray as xr
 
 DIGEST_LENGTH: Final = 32  #: number of hexadecimal digits of a digest: 128 bits
-SOURCES: Final = (".py", ".toml", ".csv")  #: suffixes of modules, and of their data files
+SOURCE_SUFFIXES: Final = (".py", ".toml", ".csv")  #: suffixes of modules, and of their data files
 DERIVED: Final = frozenset({"index_order"})
 """Attributes that follow from the values, without which a digest equals that of earlier files."""
 
@@ -90,8 +90,8 @@ def code_version(modules: tuple[str, ...]) -> str:
             raise StoreError(f"no source found for {module!r}, expected an importable module")
         origin = Path(spec.origin)
         whole = origin.stem == "__init__"
-        siblings = (origin.with_suffix(suffix) for suffix in SOURCES)
-        every = (file for file in origin.parent.rglob("*") if file.suffix in SOURCES)
+        siblings = (origin.with_suffix(suffix) for suffix in SOURCE_SUFFIXES)
+        every = (file for file in origin.parent.rglob("*") if file.suffix in SOURCE_SUFFIXES)
         for file in sorted(every) if whole else filter(Path.is_file, siblings):
             digest.update(f"{module}:{file.relative_to(origin.parent).as_posix()}\0".encode())
             digest.update(file.read_bytes())

@@ -19,7 +19,7 @@ from emgface.errors import StoreError
 from emgface.files import result_file, why_not_written
 from emgface.run.lines import (
     FOLDER,
-    FORMAT,
+    LINE_FORMAT,
     Line,
     journal_files,
     lines,
@@ -98,7 +98,7 @@ class Journal:
         if "store" in facts:
             add_owner(folder / str(facts["store"]), folder)
         number = 1 + max(map(run_number, earlier), default=0)
-        self.write("run", format=FORMAT, number=number, host=host, process=process, **facts)
+        self.write("run", format=LINE_FORMAT, number=number, host=host, process=process, **facts)
 
     def write(self, event: str, **fields: Any) -> int:
         """Write an event and return the position of its line."""

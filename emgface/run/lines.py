@@ -24,7 +24,7 @@ from typing import Any, Final
 from emgface.errors import JournalWarning
 
 FOLDER: Final = "runs"
-FORMAT: Final = 1
+LINE_FORMAT: Final = 1
 """Version of the fields of the lines; runs of another one are ignored, and their results read again."""
 Line = dict[str, Any]
 _EVENT: Final = b'{"event":"%b",'
@@ -87,7 +87,7 @@ def lines_of(path: Path, event: str) -> Iterator[tuple[int, Line]]:
 def _lines(path: Path, wanted: Callable[[bytes], bool]) -> Iterator[tuple[int, Line]]:
     offset = 0
     with path.open("rb") as stream:
-        if (parsed(stream.readline()) or {}).get("format", FORMAT) != FORMAT:
+        if (parsed(stream.readline()) or {}).get("format", LINE_FORMAT) != LINE_FORMAT:
             return
         stream.seek(0)
         for data in stream:
@@ -102,7 +102,7 @@ def damaged_lines(path: Path) -> list[int]:
     The last line may have been cut off when its run was killed; it is not among them.
     """
     with path.open("rb") as stream:
-        if (parsed(stream.readline()) or {}).get("format") != FORMAT:
+        if (parsed(stream.readline()) or {}).get("format") != LINE_FORMAT:
             return [1]
         stream.seek(0)
         return [

@@ -4,5 +4,5 @@ from typing import Final
 
 MECHANICS: Final = ("sim", "emgface.face.motion")
 """The mechanics, and the motion of a face."""
-OF_HEADS: Final = (*MECHANICS, "emgface.anatomy.head.recorded")
+HEAD_MECHANICS: Final = (*MECHANICS, "emgface.anatomy.head.recorded")
 """The same for heads, whose levels are computed from the channels of the jaw."""

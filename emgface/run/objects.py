@@ -18,7 +18,7 @@ from emgface.errors import ConfigurationError, DataError, StoreError
 from emgface.files import replace_file
 from emgface.run.digest import dataset_digest, file_digest
 
-FORMAT = 2
+ZARR_FORMAT = 2
 """Version of zarr whose texts have a fixed length, so that every reader of zarr knows them."""
 
 
@@ -100,7 +100,7 @@ class Objects:
             if moving:
                 texts = [n for n, v in dataset.variables.items() if v.dtype.kind in "OT"]
                 fixed = dataset.assign({n: dataset[n].astype(str) for n in texts})
-                fixed.to_zarr(self._chunks(f"{folder}/{name}"), mode="w", zarr_format=FORMAT)
+                fixed.to_zarr(self._chunks(f"{folder}/{name}"), mode="w", zarr_format=ZARR_FORMAT)
             else:
                 self._files.put_file(str(path), f"{self._root}/{folder}/{name}")
             text = json.dumps(index | {"object": name, "content": content}, indent=2)

@@ -14,7 +14,7 @@ from emgface import __version__
 from emgface.errors import ExecutionError
 from emgface.run.digest import canonical_json, code_version
 
-PACKAGES: Final = (
+RECORDED_PACKAGES: Final = (
     "numpy", "scipy", "numba", "llvmlite", "xarray", "netCDF4", "pandas", "statsmodels",
     "pypardiso", "mkl",
 )  # fmt: skip
@@ -36,7 +36,7 @@ def computing_environment() -> str:
     environments have equal texts.
     """
     packages: dict[str, str] = {}
-    for name in PACKAGES:
+    for name in RECORDED_PACKAGES:
         try:
             packages[name] = version(name)
         except PackageNotFoundError:

@@ -21,7 +21,7 @@ from emgface.run.runner import Workers, run_jobs
 from emgface.run.store import Event, Store
 from sim.errors import SimulationError
 
-EXPECTED: Final = (EmgfaceError, AnalysisError, SimulationError)
+JOB_ERRORS: Final = (EmgfaceError, AnalysisError, SimulationError)
 """Errors of one job that do not stop the others."""
 OF_THE_MACHINE: Final = (StoreError, ExecutionError)
 """Failures that the other jobs would share."""
@@ -66,7 +66,7 @@ class Task(Generic[Given, P, Job, Outcome]):
     work : module-level function of place and job.
     group : a process that has finished a job continues, if possible, with one of the same group.
     failed : module-level function that returns the outcome of a job with one of the errors
-        `EXPECTED`, or of which several workers died (WorkerDied); by default the error is raised.
+        `JOB_ERRORS`, or of which several workers died (WorkerDied); by default the error is raised.
     """
 
     prepare: Callable[[Given, Callable[[str], None]], P]
@@ -138,7 +138,7 @@ def _work(given: Given_) -> Done[Any]:
             outcome = work(_place, job)
     except OF_THE_MACHINE:
         raise
-    except EXPECTED as error:
+    except JOB_ERRORS as error:
         outcome = _failed(given, error).outcome
     events = store.events[before:]
     del store.events[before:]

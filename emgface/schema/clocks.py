@@ -9,11 +9,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-SAMPLED: Final = 20  #: number of instants from which times are those of a sampled series
-SLOWEST: Final = 0.2  #: largest interval of a sampled series [s]
-LEVELS: Final = 5.0  #: largest interval of a drive of few levels [s]
-LONG: Final = 60.0  #: duration of a series from which its unit is doubted if it is coarse [s]
-COARSE: Final = 0.02  #: interval from which a long series is coarse [s]
+#: number of instants from which times are those of a sampled series
+LEAST_SERIES_INSTANTS: Final = 20
+LONGEST_SERIES_INTERVAL: Final = 0.2  #: largest interval of a sampled series [s]
+LONGEST_DRIVE_INTERVAL: Final = 5.0  #: largest interval of a drive of few levels [s]
+#: duration of a series from which its unit is doubted if it is coarse [s]
+LONG_SERIES: Final = 60.0
+COARSE_INTERVAL: Final = 0.02  #: interval from which a long series is coarse [s]
 
 
 def too_slow(times: NDArray[np.float64]) -> tuple[float, float] | None:
@@ -21,7 +23,9 @@ def too_slow(times: NDArray[np.float64]) -> tuple[float, float] | None:
     if times.size < 2:
         return None
     middle = float(np.median(np.diff(times)))
-    most = SLOWEST if times.size >= SAMPLED else LEVELS
+    most = (
+        LONGEST_SERIES_INTERVAL if times.size >= LEAST_SERIES_INSTANTS else LONGEST_DRIVE_INTERVAL
+    )
     return (middle, most) if middle > most else None
 
 
@@ -30,7 +34,7 @@ def long_and_coarse(times: NDArray[np.float64]) -> tuple[float, float] | None:
     if times.size < 2:
         return None
     lasts, middle = float(times[-1] - times[0]), float(np.median(np.diff(times)))
-    return (lasts, middle) if lasts > LONG and middle > COARSE else None
+    return (lasts, middle) if lasts > LONG_SERIES and middle > COARSE_INTERVAL else None
 
 
 def without_unit(times: NDArray[np.float64], what: str) -> str | None:

@@ -213,7 +213,7 @@ def index_rule(declared: ArrayDeclaration, size: int) -> Rule:
     return rule
 
 
-ORDER: Final = "index_order"
+INDEX_ORDER: Final = "index_order"
 """Attribute of an index: digest of the names along its dim, in the order that its numbers mean."""
 
 
@@ -230,12 +230,12 @@ def order_rule(names: xr.DataArray) -> Rule:
     """
 
     def rule(array: xr.DataArray) -> str | None:
-        if array.attrs.get(ORDER, order_of(names)) == order_of(names):
+        if array.attrs.get(INDEX_ORDER, order_of(names)) == order_of(names):
             return None
         return (
             f"is an index into {names.dims[0]!r}, whose names or order have changed since; expected "
             "those with which it was made, because its numbers would mean others: pass the object as "
-            f"it was read, and select from results; after a change of both, delete {ORDER!r}"
+            f"it was read, and select from results; after a change of both, delete {INDEX_ORDER!r}"
         )
 
     return rule

@@ -18,7 +18,7 @@ from emgface.schema.declaration import ArrayDeclaration, ObjectDeclaration
 from emgface.schema.demands import Problem, attribute_problems, study_problems
 from emgface.schema.migration import migrate
 from emgface.schema.rules import (
-    ORDER,
+    INDEX_ORDER,
     Rule,
     hint,
     index_rule,
@@ -273,7 +273,7 @@ def _canonical(dataset: xr.Dataset, declared: ObjectDeclaration) -> xr.Dataset:
         elif array.dtype != "number":
             target = np.dtype(array.dtype)
         order = _names_along(result, declared, array)
-        numbered = {} if order is None else {ORDER: order_of(order)}
+        numbered = {} if order is None else {INDEX_ORDER: order_of(order)}
         attrs = {
             **current.attrs,
             **numbered,

@@ -129,7 +129,8 @@ def _instruction(given: object) -> str:
     return given
 
 
-RATES_AGREE = 2e-3  #: relative difference of sampling rates below which features can be compared
+#: relative difference of sampling rates below which features can be compared
+FEATURE_RATES_AGREE = 2e-3
 IDENTITY = (
     "volunteer", "instruction", "repetition", "origin", "world", "source", "source_digest",
 )  # fmt: skip
@@ -312,7 +313,7 @@ def _require_one_rate(one: float, other: float, chain: SignalChain, what: str) -
     The Willison amplitude counts steps from sample to sample, and therefore depends on the rate; the
     other features depend on it if it narrows the pass-band.
     """
-    if abs(other / one - 1.0) <= RATES_AGREE:
+    if abs(other / one - 1.0) <= FEATURE_RATES_AGREE:
         return
     bands = {pass_band(chain.filter, rate) for rate in (one, other)}
     if chain.feature.kind != "wamp" and len(bands) == 1:

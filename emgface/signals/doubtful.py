@@ -2,7 +2,8 @@
 
 A row has a narrow range of its count, or is hardly larger in activity than at rest.
 Rest and activity are those of the recording itself: the mean square of the steps between samples is
-computed in every window, and its quantiles `QUIET` and `ACTIVE` are those of rest and of activity.
+computed in every window, and its quantiles `QUIET_QUANTILE` and `ACTIVE_QUANTILE` are those of rest
+and of activity.
 """
 
 from typing import Final
@@ -14,9 +15,9 @@ from emgface.recordings.findings import Finding
 from emgface.signals.filters import TIME_EMG, row_dim
 from emgface.signals.running import running_sum
 
-QUIET: Final = 0.1  #: quantile of the windows that represents rest [1]
-ACTIVE: Final = 0.95  #: quantile of the windows that represents activity [1]
-FEW: Final = 0.15
+QUIET_QUANTILE: Final = 0.1  #: quantile of the windows that represents rest [1]
+ACTIVE_QUANTILE: Final = 0.95  #: quantile of the windows that represents activity [1]
+SMALL_COUNT_SHARE: Final = 0.15
 """Range of a count over its largest possible value below which it is called small [1].
 
 Eq. 8 stretches the range to 0-1, so that a step more or less changes the activation by over 1.6 % at
@@ -30,13 +31,14 @@ Steps of Gaussian noise exceed it in 4.6 % of the samples, and those of an activ
 """
 ENDS: Final = ("from", "to")
 COMMON: Final = 0.75  #: least part of sEMG and of markers that is expected in their common interval
-WEAK: Final = 2.0  #: ratio of activity to rest below which no threshold yields a range of `FEW` [1]
+#: ratio of activity to rest below which no threshold yields a range of `SMALL_COUNT_SHARE` [1]
+WEAK: Final = 2.0
 
 
 def quiet_and_active(values: np.ndarray, window: int) -> tuple[float, float]:
     """Root mean square of the windows of rest and of activity, of values (samples,)."""
     power = np.sqrt(running_sum(np.square(values), window) / window)
-    quiet, active = np.quantile(power, [QUIET, ACTIVE])
+    quiet, active = np.quantile(power, [QUIET_QUANTILE, ACTIVE_QUANTILE])
     return float(quiet), float(active)
 
 
@@ -56,7 +58,7 @@ def doubtful_rows(feature: xr.DataArray, signal: xr.DataArray) -> list[Finding]:
 
     ``weak_burst``: the steps in activity are less than `WEAK` times those at rest, so that the
     feature consists mainly of noise; ``narrow_count``: a Willison amplitude whose range is below
-    `FEW`, with the threshold that would serve, `SERVES` times the steps at rest.
+    `SMALL_COUNT_SHARE`, with the threshold that would serve, `SERVES` times the steps at rest.
     """
     dim = row_dim(feature, "time")
     kind = "muscle" if dim == "muscle" else "channel"
@@ -75,7 +77,7 @@ def doubtful_rows(feature: xr.DataArray, signal: xr.DataArray) -> list[Finding]:
         if feature.attrs.get("feature") != "wamp":
             continue
         low, high = float(count.min()), float(count.max())
-        if high - low < FEW * (window - 1):
+        if high - low < SMALL_COUNT_SHARE * (window - 1):
             serves = SERVES * rest if rest > 0.0 else 0.5 * activity
             said = {"low": low, "high": high, "most": window - 1.0, "serves": serves}
             findings.append(Finding("narrow_count", kind, str(name), said))

@@ -13,7 +13,7 @@ import xarray as xr
 from emgface.errors import SchemaError
 from emgface.muscles import CHANNELS, MODELLED, MUSCLES, SIDES
 
-WEIGHTS: Final[dict[str, dict[str, float]]] = {
+MAPPING_WEIGHTS: Final[dict[str, dict[str, float]]] = {
     "ZYG": {"ZYG": 1.0},
     "RIS": {"RIS": 1.0},
     "LLSAN": {"LLSAN": 1.0},
@@ -46,7 +46,9 @@ def mapping_matrix(oom: Literal["text", "as_printed"] = "text") -> xr.DataArray:
     for side in SIDES:
         for muscle in MODELLED:
             printed = muscle == "OOM" and oom == "as_printed"
-            for measured, weight in (OOM_AS_PRINTED if printed else WEIGHTS[muscle]).items():
+            for measured, weight in (
+                OOM_AS_PRINTED if printed else MAPPING_WEIGHTS[muscle]
+            ).items():
                 matrix.loc[f"{muscle}_{side}", f"{measured}_{side}"] = weight
     return matrix
 
@@ -60,7 +62,7 @@ def sources_of(muscle: str) -> tuple[str, ...]:
     ('RIS_L', 'ZYG_L')
     """
     name, _, side = muscle.rpartition("_")
-    return tuple(f"{measured}_{side}" for measured in WEIGHTS[name])
+    return tuple(f"{measured}_{side}" for measured in MAPPING_WEIGHTS[name])
 
 
 def map_channels(

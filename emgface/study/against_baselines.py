@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from analysis.baselines import VARIABLES, best_of, ceiling_of, mean_of, scored
+from analysis.baselines import BASELINE_VARIABLES, best_of, ceiling_of, mean_of, scored
 from analysis.errors import AnalysisError
 from analysis.individual import (
     Together,
@@ -155,7 +155,7 @@ def _empty(person: Person, repetitions: list[int], strategies: list[str]) -> xr.
     return xr.Dataset(
         {
             name: (dims, np.full([len(coords[dim]) for dim in dims], np.nan))
-            for name, (dims, _, _) in VARIABLES.items()
+            for name, (dims, _, _) in BASELINE_VARIABLES.items()
             if name != "skill"
         },
         coords=coords,

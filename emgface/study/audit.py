@@ -183,7 +183,7 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any], path: str = "") 
     return changes
 
 
-MEASURED: Final = ("run_time", "run_time_s")
+MEASURED_TIMES: Final = ("run_time", "run_time_s")
 """Variables and attributes with measured computing times, which differ between runs."""
 
 
@@ -273,7 +273,7 @@ def _change_of_cell(cube: xr.Dataset, trial: Trial, labels: Mapping[str, Label])
     except KeyError:
         return "it does not contain the trial"
     for name in ("status", *PER_MARKER, *OF_NOISE, *PER_TRIAL, *OF_INCISOR):
-        if name in MEASURED or name not in cell:
+        if name in MEASURED_TIMES or name not in cell:
             continue
         a, b = cell[name].values, made[name].values[0, 0, 0, 0]
         if a.dtype.kind != "f":
@@ -288,8 +288,8 @@ def _change_of_cell(cube: xr.Dataset, trial: Trial, labels: Mapping[str, Label])
 def content(path: Path) -> xr.Dataset:
     """Stored dataset without measured times."""
     dataset = xr.load_dataset(path, decode_times=False)
-    dataset = dataset.drop_vars([name for name in MEASURED if name in dataset])
-    dataset.attrs = {k: v for k, v in dataset.attrs.items() if k not in MEASURED}
+    dataset = dataset.drop_vars([name for name in MEASURED_TIMES if name in dataset])
+    dataset.attrs = {k: v for k, v in dataset.attrs.items() if k not in MEASURED_TIMES}
     return dataset
 
 

@@ -16,7 +16,8 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from analysis.baselines import TRIAL, VARIABLES, mean_of, with_baselines
+from analysis.baselines import BASELINE_VARIABLES, mean_of, with_baselines
+from analysis.cube import TRIAL_DIMS
 from analysis.errors import AnalysisError
 from analysis.individual import instants
 from analysis.registration import mean_motion
@@ -283,15 +284,16 @@ def _collected(cube: xr.Dataset, tables: Sequence[_Tables]) -> dict[str, xr.Data
     }
     made = {
         name: np.full(tuple(cube.sizes[dim] for dim in dims), np.nan)
-        for name, (dims, _, _) in VARIABLES.items()
+        for name, (dims, _, _) in BASELINE_VARIABLES.items()
         if name != "skill"
     }
     for one in tables:
         at = {
-            dim: [place[dim][label] for label in one[dim][1].tolist()] for dim in (*TRIAL, "marker")
+            dim: [place[dim][label] for label in one[dim][1].tolist()]
+            for dim in (*TRIAL_DIMS, "marker")
         }
         for name, values in made.items():
-            dims = VARIABLES[name][0]
+            dims = BASELINE_VARIABLES[name][0]
             own, data = one[name]
             values[np.ix_(*(at[dim] for dim in dims))] = data.transpose(
                 [own.index(dim) for dim in dims]
@@ -299,5 +301,5 @@ def _collected(cube: xr.Dataset, tables: Sequence[_Tables]) -> dict[str, xr.Data
     return {
         name: xr.DataArray(values, dims=dims, coords={dim: cube[dim] for dim in dims})
         for name, values in made.items()
-        for dims in [VARIABLES[name][0]]
+        for dims in [BASELINE_VARIABLES[name][0]]
     }

@@ -1,9 +1,10 @@
 """sigma_max of a volunteer, calibrated by the markers of repetitions other than the one scored.
 
-For every training trial, face and volunteer are compared at the stresses s of `LEVELS`: the median over
-the markers of the logarithm of the amplitude ratio, r(s). The calibrated value is the s at which the
-median of r(s) over the training trials is 0, linear between the levels in ln s, and otherwise the first
-or the last level. rho is not used, because it does not depend on the amplitude.
+For every training trial, face and volunteer are compared at the stresses s of `COMPARED_STRESSES`:
+the median over the markers of the logarithm of the amplitude ratio, r(s). The calibrated value is
+the s at which the median of r(s) over the training trials is 0, linear between the levels in ln s,
+and otherwise the first or the last level. rho is not used, because it does not depend on the
+amplitude.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,14 +20,14 @@ from emgface.errors import ConfigurationError, DataError
 from emgface.face.muscle_parameters import PUBLISHED_START
 from emgface.plugins import plugins
 from emgface.run.store import Result, Store
-from emgface.run.tasks import EXPECTED, OF_THE_MACHINE
+from emgface.run.tasks import JOB_ERRORS, OF_THE_MACHINE
 from emgface.signals.parameters import STRATEGIES
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.outcomes import StudyRun
 from emgface.study.stages import Laboratory, StoredFailure
 from emgface.study.table import PlannedTrial, Recording, load_recording
 
-LEVELS: Final = (50e3, 120e3, PUBLISHED_START)
+COMPARED_STRESSES: Final = (50e3, 120e3, PUBLISHED_START)
 """Stresses at which motions are compared [Pa]; a calibrated value is between the first and the last."""
 
 Job = tuple[Recording, str, Result | None]
@@ -42,7 +43,7 @@ def curve_of(laboratory: Laboratory, job: Job) -> Curve:
     """
     recording, strategy, extent = job
     logs: list[float] = []
-    for stress in LEVELS:
+    for stress in COMPARED_STRESSES:
         at = laboratory.lowered(stress).for_volunteer(recording.place[0])
         try:
             activation = at.activation(recording, strategy, extent).dataset["activation"]
@@ -52,7 +53,7 @@ def curve_of(laboratory: Laboratory, job: Job) -> Curve:
             scores = at.scores(recording, aligned, motion, label).dataset
         except OF_THE_MACHINE:
             raise
-        except (StoredFailure, *EXPECTED):
+        except (StoredFailure, *JOB_ERRORS):
             logs.append(np.nan)
             continue
         ratio = scores["amplitude_ratio"].values
@@ -67,11 +68,11 @@ def stress_of(curves: Sequence[Curve]) -> float:
 
     NaN if fewer than two levels have a value, or stronger muscles do not move the face farther.
     """
-    values = np.array(curves, dtype=np.float64).reshape(-1, len(LEVELS))
+    values = np.array(curves, dtype=np.float64).reshape(-1, len(COMPARED_STRESSES))
     known = np.isfinite(values).any(axis=0)
     if known.sum() < 2:
         return np.nan
-    log_stress = np.log(np.array(LEVELS)[known])
+    log_stress = np.log(np.array(COMPARED_STRESSES)[known])
     middle = np.nanmedian(values[:, known], axis=0)
     if not middle[-1] > middle[0]:
         return np.nan

@@ -5,9 +5,9 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import AfterValidator, Field, WithJsonSchema, field_validator, model_validator
 
-from analysis.baselines import VARIABLES
+from analysis.baselines import BASELINE_VARIABLES
 from analysis.cube import MARKER_DIMS, OF_INCISOR, PER_MARKER, PER_TRIAL
-from analysis.formants import VARIABLES as OF_SOUND
+from analysis.formants import FORMANT_VARIABLES
 from analysis.matching import CLEAR_COSINE
 from analysis.noise import SMALLEST_SNR
 from analysis.trajectory import SMALLEST_MOTION
@@ -16,7 +16,7 @@ from emgface.choices import ESKES, Parameters, choice, parameter
 from emgface.errors import FaceError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.resolution import Resolution
-from emgface.face.template.volunteers import PRESETS, preset_measures
+from emgface.face.template.volunteers import GROUP_PRESETS, preset_measures
 from emgface.inverse.configuration import InverseConfiguration
 from emgface.muscles import INSTRUCTIONS, LETTERS
 from emgface.plugins import names_schema, require_name
@@ -131,8 +131,8 @@ Value = bool | int | float | str
 Label = str | float
 
 CUBE_NAMES = {
-    *MARKER_DIMS, *PER_MARKER, *PER_TRIAL, *OF_INCISOR, *VARIABLES, *OF_SOUND, "formant", "instant",
-    "status", "reason", "marker_reason", "skill_reason",
+    *MARKER_DIMS, *PER_MARKER, *PER_TRIAL, *OF_INCISOR, *BASELINE_VARIABLES, *FORMANT_VARIABLES,
+    "formant", "instant", "status", "reason", "marker_reason", "skill_reason",
 }  # fmt: skip
 """Names used in a cube."""
 
@@ -244,7 +244,7 @@ class TemplateParameters(Parameters):
         "medium",
         "Number of elements: coarse (576), medium (2448), fine (6480), or an approximate number.",
     )
-    preset: str = choice("adult", f"Group of people: {', '.join(PRESETS)}.")
+    preset: str = choice("adult", f"Group of people: {', '.join(GROUP_PRESETS)}.")
     seed: int | None = parameter(
         None,
         "Seed for drawing a random person of the group; default: the means of the group.",

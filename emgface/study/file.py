@@ -246,7 +246,7 @@ def placed(study: StudyConfiguration, folder: Path) -> tuple[StudyConfiguration,
     return with_paths(study, moved), list(notes)
 
 
-CHANGED: Final = (
+SHORT_PARAMETERS: Final = (
     "schema_version", "name", "strategies", "recordings.folder", "recordings.mapping",
     "recordings.exclusions", "face.path", "face.head", "signals.filter.low", "signals.filter.high",
     "signals.feature.threshold", "signals.montage.missing_side", "signals.montage.missing_muscle",

@@ -31,7 +31,7 @@ from emgface.study.outcomes import begin_reading, identified
 from emgface.study.table import Recording
 
 PER_JOB: Final = 32  #: recordings that a worker reads at a time; fewer are read in this process
-SETTLED: Final = 2.0
+SETTLED_AGE: Final = 2.0
 """Age [s] from which a change of a file is visible in its times, also on coarse file systems."""
 ALONE: Final = (".nc",)
 """Suffixes of recordings without further files, which are not read again if they are unchanged."""
@@ -248,7 +248,7 @@ def _lasting(file: File, given: Recording | EmgfaceError | None, listed: float) 
         isinstance(given, Recording)
         and given.error is None
         and os.path.splitext(file[0])[1].lower() in ALONE
-        and abs(listed - 1e-9 * file[3]) > SETTLED
+        and abs(listed - 1e-9 * file[3]) > SETTLED_AGE
     )
 
 

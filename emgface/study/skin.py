@@ -8,12 +8,12 @@ from emgface.face.motion import simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.pictures.body import skin_of
 from emgface.pictures.surface import SurfaceProbe, frame_stride
-from emgface.run.mechanics import MECHANICS, OF_HEADS
+from emgface.run.mechanics import HEAD_MECHANICS, MECHANICS
 from emgface.run.store import Result, Stage
 from emgface.study.laboratory import Setup
 
-SKIN: Final = Stage("skin", (*MECHANICS, __name__), without=("emgface.anatomy",))
-SKIN_OF_HEAD: Final = Stage("skin", (*OF_HEADS, __name__))
+SKIN_STAGE: Final = Stage("skin", (*MECHANICS, __name__), without=("emgface.anatomy",))
+SKIN_OF_HEAD: Final = Stage("skin", (*HEAD_MECHANICS, __name__))
 
 
 class SkinMotions:
@@ -50,7 +50,7 @@ class SkinMotions:
         )
 
     def _stage(self, activation: xr.DataArray) -> Stage:
-        return SKIN if self._laboratory.head_of(activation) is None else SKIN_OF_HEAD
+        return SKIN_STAGE if self._laboratory.head_of(activation) is None else SKIN_OF_HEAD
 
     def _moved(self, activation: xr.DataArray, parameters: SimulationParameters) -> xr.Dataset:
         head = self._laboratory.head_of(activation)

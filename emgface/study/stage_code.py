@@ -1,6 +1,6 @@
 """Stages of one trial, each with the modules that compute its results."""
 
-from emgface.run.mechanics import MECHANICS, OF_HEADS
+from emgface.run.mechanics import HEAD_MECHANICS, MECHANICS
 from emgface.run.store import Stage
 
 _FINDINGS = "emgface.recordings.repeated"
@@ -10,7 +10,7 @@ RANGE = Stage("range", ("emgface.signals.activation", "emgface.signals.truth", _
 ACTIVATION = Stage("activation", RANGE.modules)
 REST = Stage("rest", MECHANICS)
 MOTION = Stage("motion", (*MECHANICS, "emgface.face.sigma_max"))
-MOTION_OF_HEAD = Stage("motion", (*OF_HEADS, "emgface.face.sigma_max"))
+MOTION_OF_HEAD = Stage("motion", (*HEAD_MECHANICS, "emgface.face.sigma_max"))
 ACTIVATION_OF_HEAD = Stage("activation", (*ACTIVATION.modules, "emgface.anatomy.head.recorded"))
 ALIGNED = Stage("aligned", ("analysis.align", "emgface.face.measured"))
 SCORES = Stage("scores", ("analysis.flags", "analysis.noise", "analysis.scores", _FINDINGS))

@@ -25,10 +25,10 @@ from emgface.run.digest import (
     text_digest,
 )
 from emgface.run.store import Result
-from emgface.run.tasks import EXPECTED, OF_THE_MACHINE
+from emgface.run.tasks import JOB_ERRORS, OF_THE_MACHINE
 from emgface.study.activations import ByMarkers, activation_digest, activation_from_emg
 from emgface.study.laboratory import Setup
-from emgface.study.skin import SKIN, SkinMotions
+from emgface.study.skin import SKIN_STAGE, SkinMotions
 from emgface.study.stage_code import (
     ACTIVATION_OF_HEAD,
     ALIGNED,
@@ -95,7 +95,7 @@ class Laboratory(Setup):
             if self.study.face.head is None
             else (MOTION_OF_HEAD, ACTIVATION_OF_HEAD, SCORES_OF_HEAD)
         )
-        modules = {name for stage in (*STAGES, SKIN, *of_head) for name in stage.reached}
+        modules = {name for stage in (*STAGES, SKIN_STAGE, *of_head) for name in stage.reached}
         chosen = self.study.model_dump(mode="json", include=tables)
         here = (__name__, "emgface.study.activations", "emgface.study.laboratory")
         code = code_version((*sorted(modules), *here))
@@ -273,7 +273,7 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
         )
     except OF_THE_MACHINE:
         raise
-    except EXPECTED as error:
+    except JOB_ERRORS as error:
         return Trial.failed(*labels, error, origin=origin, **known, **_provenance(stages))
     remarks = (
         stability_warning(motion.dataset),

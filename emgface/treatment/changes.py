@@ -15,7 +15,8 @@ from emgface.treatment.plan import Change, Palsy
 Floats = NDArray[np.float64]
 
 LIP: Final = 14e-3  #: distance from a margin within which an element belongs to the lip [m]
-STIFFEST: Final = 1e3  #: largest and inverse smallest factor of several steps on one element [1]
+#: largest and inverse smallest factor of several steps on one element [1]
+LARGEST_CHANGE_FACTOR: Final = 1e3
 STRONGEST: Final = 10.0  #: largest factor of several steps on one muscle [1]
 
 
@@ -23,12 +24,13 @@ def with_factor(face: xr.Dataset, factor: Floats) -> xr.Dataset:
     """Face whose passive moduli are multiplied by a factor of every element (elements,)."""
     before = face["tissue_factor"].values if "tissue_factor" in face else 1.0
     values = before * factor
-    if (outside := (values > STIFFEST) | (values < 1.0 / STIFFEST)).any():
+    if (outside := (values > LARGEST_CHANGE_FACTOR) | (values < 1.0 / LARGEST_CHANGE_FACTOR)).any():
         raise TreatmentError(
             "stiffness",
             f"the stiffness of {int(outside.sum())} elements is up to {values[outside].max():.3g} times "
-            f"that of the face, expected {1.0 / STIFFEST:g} to {STIFFEST:g}: factors of several steps "
-            "and of scars multiply, choose smaller ones",
+            f"that of the face, expected {1.0 / LARGEST_CHANGE_FACTOR:g} to "
+            f"{LARGEST_CHANGE_FACTOR:g}: factors of several steps and of scars multiply, choose "
+            "smaller ones",
         )
     return face.assign(tissue_factor=("element", values, {"units": "1"}))
 

@@ -22,9 +22,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Progress = Callable[[int, int], None]
 
-STEPS: Final = 8  #: steps of the load path
-HALVINGS: Final = 4  #: largest number of halvings of a step that fails
-FAILED: Final = (sim.InvertedElement, sim.NotConverged, sim.SingularSystem)
+LOAD_STEPS: Final = 8  #: steps of the load path
+MOST_LOAD_HALVINGS: Final = 4  #: largest number of halvings of a step that fails
+CLOSURE_FAILURES: Final = (sim.InvertedElement, sim.NotConverged, sim.SingularSystem)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ def drawn_together(
     same: Integers,
     aim: Floats | None = None,
     *,
-    steps: int = STEPS,
+    steps: int = LOAD_STEPS,
     progress: Progress | None = None,
 ) -> Floats:
     """Positions of an open mesh when the nodes that are the same have met.
@@ -82,8 +82,10 @@ def drawn_together(
     for k in range(1, steps + 1):
         way = X + k / steps * (target - X)
         try:
-            state = sim.displace_held(system, state, way, steps=1, max_halvings=HALVINGS, work=work)
-        except FAILED as error:
+            state = sim.displace_held(
+                system, state, way, steps=1, max_halvings=MOST_LOAD_HALVINGS, work=work
+            )
+        except CLOSURE_FAILURES as error:
             raise TreatmentError(
                 "too wide",
                 f"the edges of the wound are up to {1e3 * widest:.1f} mm apart and could be brought "
@@ -110,7 +112,7 @@ def relaxed(scene: sim.Scene, start: Floats, side: NDArray[np.bool_], suture: In
         state, _ = sim.Static(tolerance=1e-9, residual_tolerance=1e-9).step(
             system, replace(rest, q=start), silent, 1.0, sim.Workspace(system)
         )
-    except FAILED as error:
+    except CLOSURE_FAILURES as error:
         raise TreatmentError(
             "too wide",
             f"the sutured tissue finds no equilibrium ({error}): the excision is too wide for direct "

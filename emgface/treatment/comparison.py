@@ -14,7 +14,7 @@ from emgface.run.store import Store
 from emgface.treatment.cut_difference import other_cut, with_cut_difference
 from emgface.treatment.dose import read_cases, with_intervals
 from emgface.treatment.motions import (
-    TASKS,
+    MOVEMENTS,
     ComparedMotions,
     Progress,
     compared_motions,
@@ -90,7 +90,7 @@ def compare_faces(
     notes: tuple[str, ...] = ()
     if recordings is not None:
         recorded_activations, notes = recorded(recordings, mapping)
-        activations = recorded_activations | gestures(intact, tuple(TASKS))
+        activations = recorded_activations | gestures(intact, tuple(MOVEMENTS))
         source = f"The activations are those of the recordings in {recordings.name}."
     kept = None if store is None else Store(store, report)
 

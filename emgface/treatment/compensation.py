@@ -17,7 +17,7 @@ from sim.inverse import PointTarget, Weights, equilibria
 
 Floats = NDArray[np.float64]
 
-STEPS: Final = 4  #: equilibria on the way to the full movement
+MOVEMENT_STEPS: Final = 4  #: equilibria on the way to the full movement
 SIZE: Final = 0.5e-3  #: deviation of a marker that counts as one [m]
 
 
@@ -29,19 +29,19 @@ def compensated(
 ) -> xr.Dataset:
     """Find activations in 0-1 whose equilibria move the markers as those of the intact face.
 
-    `levels` are the activations of muscles of the intact face, which rise in `STEPS`. The targets are
-    the displacements of the lip markers of the intact face from its rest, added to the rest of the
-    treated face; contact is omitted. The result contains ``activation`` (muscle, time) [1] of the
-    treated face, and the root mean square distances of a marker from its target [m]: ``uncompensated``
-    with the activations of the intact face, ``residual`` with those found, which no other activation
-    near them removes, and ``motion``, the displacement itself (time). Raises DataError if `treated` is
-    not a treatment of `intact`.
+    `levels` are the activations of muscles of the intact face, which rise in `MOVEMENT_STEPS`. The
+    targets are the displacements of the lip markers of the intact face from its rest, added to the
+    rest of the treated face; contact is omitted. The result contains ``activation`` (muscle, time)
+    [1] of the treated face, and the root mean square distances of a marker from its target [m]:
+    ``uncompensated`` with the activations of the intact face, ``residual`` with those found, which
+    no other activation near them removes, and ``motion``, the displacement itself (time). Raises
+    DataError if `treated` is not a treatment of `intact`.
     """
     treatments_between(intact, treated)
     p = without_contact(parameters)
     names = [str(m) for m in intact["muscle"].values]
     full = np.array([levels.get(name, 0.0) for name in names])
-    shares = np.arange(1, STEPS + 1) / STEPS
+    shares = np.arange(1, MOVEMENT_STEPS + 1) / MOVEMENT_STEPS
     systems, rests, moved = [], [], []
     for face in (intact, treated):
         system = sim.compile_scene(replace(compose_scene(face, p), damping=None))

@@ -12,7 +12,7 @@ from emgface.treatment.closure import Progress
 from emgface.treatment.plan import CUTS, Plan, applied_plan
 from emgface.treatment.treat import treat_face
 
-OTHER: Final = {"conforming": "elements", "elements": "conforming"}
+OTHER_CUT: Final = {"conforming": "elements", "elements": "conforming"}
 
 
 def with_other_cut(plan: Plan) -> Plan:
@@ -23,7 +23,9 @@ def with_other_cut(plan: Plan) -> Plan:
             "cutting differ only there"
         )
     steps: list[Any] = [
-        step.model_copy(update={"method": OTHER[step.method]}) if isinstance(step, CUTS) else step
+        step.model_copy(update={"method": OTHER_CUT[step.method]})
+        if isinstance(step, CUTS)
+        else step
         for step in plan.step
     ]
     return plan.model_copy(update={"step": tuple(steps)})

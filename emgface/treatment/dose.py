@@ -30,18 +30,18 @@ from emgface.run.tasks import Task, run_table
 from emgface.texts import labelled, open_text
 from emgface.treatment.jobs import NO_PRESSURE, pressure_attributes
 from emgface.treatment.motions import gestures
-from emgface.treatment.outcomes import FACTOR, OUTCOMES, bound_of
+from emgface.treatment.outcomes import OUTCOMES, UNIT_FACTORS, bound_of
 from emgface.treatment.plan import NOT_VALIDATED, Plan, Tumour, steps_digest
 from emgface.treatment.treat import treat_face
 from sim import SimulationError
 from sim.threads import one_blas_thread
 
 OUTCOME: Final = Stage("treatment_outcomes", (*MECHANICS, "emgface.treatment", "emgface.choices"))
-AXES: Final = ("person", "draw", "shape", "share", "place", "rejoin")
+COMPARISONS: Final = ("person", "draw", "shape", "share", "place", "rejoin")
 PLAN: Final = "plan"  #: column with the digest of the steps of a plan, empty for an excision
 BOUNDS: Final = "lower bounds"  #: column with the names of the outcomes that are lower bounds
 SEPARATOR: Final = "; "  #: between these names
-DRAWN: Final = {
+DRAWN_RANGES: Final = {
     "stiffness": (0.5, 2.0),
     "scar_stiffness": (1.0, 10.0),
     "scar_radius": (1.5, 6.0),
@@ -132,7 +132,7 @@ def drawn_persons(draw: int, seed: int) -> dict[str, float]:
     rng = np.random.default_rng((seed, draw))
     return {
         name: float(np.exp(rng.uniform(np.log(low), np.log(high))))
-        for name, (low, high) in DRAWN.items()
+        for name, (low, high) in DRAWN_RANGES.items()
     }
 
 
@@ -200,7 +200,7 @@ def computed(case: Case, setting: DoseSetting) -> xr.Dataset:
     for outcome in OUTCOMES:
         motion = motions.get(outcome.movement)
         if not outcome.movement or motion is not None:
-            values[outcome.name] = outcome.value(treated, motion) * FACTOR[outcome.unit]
+            values[outcome.name] = outcome.value(treated, motion) * UNIT_FACTORS[outcome.unit]
         if motion is not None and outcome.at_least(motion):
             least.append(outcome.name)
     for name, motion in motions.items():
@@ -240,7 +240,7 @@ def _row_of(worker: _Worker, case: Case) -> dict[str, Any]:
         OUTCOME, {}, key, lambda: computed(case, setting), label=case.name
     )
     numbers = zip(result.dataset["outcome"].values, result.dataset["value"].values, strict=True)
-    row = {axis: getattr(case, axis) for axis in AXES}
+    row = {axis: getattr(case, axis) for axis in COMPARISONS}
     row |= {str(name): float(value) for name, value in numbers}
     least = result.dataset["outcome"].values[result.dataset["at_least"].values > 0]
     row[PLAN] = steps_digest([{"step": json.loads(case.steps)}]) if case.steps else ""
@@ -289,7 +289,7 @@ def dose_table(
 
 def _outcomes_of(table: pd.DataFrame) -> list[str]:
     """Names of the outcomes in a table of cases."""
-    return [c for c in table.columns if c not in (*AXES, PLAN, BOUNDS, "end")]
+    return [c for c in table.columns if c not in (*COMPARISONS, PLAN, BOUNDS, "end")]
 
 
 def bounds_of(table: pd.DataFrame) -> pd.DataFrame:
@@ -317,7 +317,11 @@ def changes_by_dose(table: pd.DataFrame) -> pd.DataFrame:
     before, before_least = (
         frame[whole].set_axis(index)[names].loc[people].to_numpy() for frame in (table, least)
     )
-    changes = cut[[*AXES]].join(cut[names] - before).melt([*AXES], names, "outcome", "change")
+    changes = (
+        cut[[*COMPARISONS]]
+        .join(cut[names] - before)
+        .melt([*COMPARISONS], names, "outcome", "change")
+    )
     pairs = zip(before_least.T.ravel(), least[~whole].to_numpy().T.ravel(), strict=True)
     changes["bound"] = [bound_of(bool(a), bool(b)) for a, b in pairs]
     changes["change"] = changes["change"].mask(changes["bound"] == "both")
@@ -331,10 +335,10 @@ def cube_of(table: pd.DataFrame, setting: DoseSetting) -> xr.Dataset:
     """
     table = table.reset_index(drop=True)
     names, is_cut = _outcomes_of(table), table["share"] > 0.0
-    cut = table[is_cut].set_index([*AXES])
+    cut = table[is_cut].set_index([*COMPARISONS])
 
     def cube(values: pd.DataFrame, axes: tuple[str, ...]) -> xr.DataArray:
-        own = values[is_cut if axes == AXES else ~is_cut]
+        own = values[is_cut if axes == COMPARISONS else ~is_cut]
         index = pd.MultiIndex.from_frame(table.loc[own.index, [*axes]])
         array = own[names].set_axis(index).to_xarray().to_array("outcome")
         return array.transpose(*axes, "outcome")
@@ -343,9 +347,9 @@ def cube_of(table: pd.DataFrame, setting: DoseSetting) -> xr.Dataset:
     people = ("person", "draw")
     arrays = {
         "before": cube(table, people),
-        "after": cube(table, AXES),
+        "after": cube(table, COMPARISONS),
         "before_at_least": cube(least, people).fillna(0.0).astype(np.int8),
-        "after_at_least": cube(least, AXES).fillna(0.0).astype(np.int8),
+        "after_at_least": cube(least, COMPARISONS).fillna(0.0).astype(np.int8),
     }
     end = cut["end"].to_xarray().fillna("not computed").astype(str)
     units = {o.name: o.unit for o in OUTCOMES}
@@ -358,13 +362,17 @@ def cube_of(table: pd.DataFrame, setting: DoseSetting) -> xr.Dataset:
     )  # fmt: skip
 
 
-MANY: Final = 20
+LEAST_FOR_QUANTILES: Final = 20
 """Number of values from which their 5 and 95 % are stated; of fewer, the smallest and largest are."""
 
 
 def spread_of(values: int) -> tuple[float, float, str]:
     """Levels of the quantiles of a number of values that show their spread, and their words."""
-    return (0.05, 0.95, "5–95 %") if values >= MANY else (0.0, 1.0, "smallest to largest")
+    return (
+        (0.05, 0.95, "5–95 %")
+        if values >= LEAST_FOR_QUANTILES
+        else (0.0, 1.0, "smallest to largest")
+    )
 
 
 def draws_of(table: pd.DataFrame) -> int:
@@ -407,7 +415,7 @@ def read_cases(path: Path, entries: Sequence[Any]) -> pd.DataFrame:
         raise DataError(
             f"{path} cannot be read ({error}), expected a table of 'emgface dose'"
         ) from error
-    if missing := [axis for axis in (*AXES, "end") if axis not in table]:
+    if missing := [axis for axis in (*COMPARISONS, "end") if axis not in table]:
         raise DataError(
             f"{path} has no column {missing[0]!r}, expected a table written by 'emgface dose'"
         )
@@ -426,7 +434,7 @@ def read_cases(path: Path, entries: Sequence[Any]) -> pd.DataFrame:
 def with_intervals(outcomes: pd.DataFrame, table: pd.DataFrame) -> pd.DataFrame:
     """Outcomes of one face with the intervals of the change in a table of the same plan."""
     intervals = intervals_by_dose(table).drop(columns=["n", "median"])
-    intervals = intervals.drop(columns=[axis for axis in AXES if axis in intervals])
+    intervals = intervals.drop(columns=[axis for axis in COMPARISONS if axis in intervals])
     names = {c: f"change, {c}" for c in intervals.columns if c != "outcome"}
     intervals = intervals.rename(columns=names | {"bounds": "bounds among the changes"})
     if intervals["outcome"].duplicated().any():

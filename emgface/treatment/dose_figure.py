@@ -6,7 +6,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from emgface.treatment.dose import (
-    MANY,
+    LEAST_FOR_QUANTILES,
     DoseSetting,
     changes_by_dose,
     draws_of,
@@ -16,7 +16,7 @@ from emgface.treatment.dose import (
 from emgface.treatment.outcomes import OUTCOMES
 from emgface.treatment.plan import NOT_VALIDATED
 
-SHOWN: Final = (
+SHOWN_MEASURES: Final = (
     "mouth width", "lower vermilion height", "lip opening", "pursing, amplitude",
     "smile, excursion of the corners", "pressure held before the lips part",
 )  # fmt: skip
@@ -32,7 +32,7 @@ def dose_figure(table: pd.DataFrame, setting: DoseSetting) -> Figure:
     units = {o.name: o.unit for o in OUTCOMES}
     shown = [
         name
-        for name in SHOWN
+        for name in SHOWN_MEASURES
         if intervals.loc[intervals["outcome"] == name, "median"].notna().any()
     ]
     figure = Figure(figsize=(10.5, 6.4), layout="constrained")
@@ -52,7 +52,7 @@ def dose_figure(table: pd.DataFrame, setting: DoseSetting) -> Figure:
             axis.fill_between(x, part["persons low"], part["persons high"], alpha=0.15, color=color)
             at, shift = points.set_index(["shape", "place", "rejoin"]).index, 0.7 * (k + 1)
             mine = points[at == label]
-            if len(mine) and draws_of(table) >= MANY:
+            if len(mine) and draws_of(table) >= LEAST_FOR_QUANTILES:
                 axis.vlines(
                     x + shift, part["parameters low"], part["parameters high"], color=color, lw=1.2
                 )
@@ -81,7 +81,7 @@ def _figure_title(table: pd.DataFrame, setting: DoseSetting) -> str:
     contact = "in contact" if setting.contact else "without contact"
     spread = f"median and {spread_of(persons)[2]} of the persons (band)"
     if draws:
-        mark = f"{spread_of(draws)[2]}, bars" if draws >= MANY else "crosses"
+        mark = f"{spread_of(draws)[2]}, bars" if draws >= LEAST_FOR_QUANTILES else "crosses"
         spread += (
             f"; {draws} draw{'s' * (draws > 1)} of unknown parameters, mean of persons ({mark})"
         )

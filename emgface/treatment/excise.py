@@ -27,8 +27,8 @@ from emgface.treatment.plane import (
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-AROUND: Final = 25e-3  #: distance from the outline within which cells may be divided [m]
-ALONG: Final = 201  #: points of a cut that removes nothing
+CUT_SURROUNDINGS: Final = 25e-3  #: distance from the outline within which cells may be divided [m]
+OUTLINE_POINTS: Final = 201  #: points of a cut that removes nothing
 SNAPS: Final = (0.25, 0.12, 0.04, 0.0)  #: fractions of an edge tried for moving nodes to the cut
 LARGEST_SHARE: Final = 0.75  #: removed fraction of the margin beyond which nothing can be sutured
 
@@ -125,7 +125,7 @@ def _slit(face: xr.Dataset, outline: Outline, columns: TissueColumns, method: st
     connectivity = face["connectivity"].values.astype(np.int64)
     changed, line = np.zeros(len(connectivity), dtype=bool), position[stacks].reshape(-1, 3)
     if method == "conforming":
-        along = start + np.linspace(0.0, 1.0, ALONG)[:, None] * (tip - start)
+        along = start + np.linspace(0.0, 1.0, OUTLINE_POINTS)[:, None] * (tip - start)
         points: list[Floats] = []
         for at in along:
             here = containing(surface, at)
@@ -164,7 +164,7 @@ def near_nodes(face: xr.Dataset, outline: Outline, lip: str) -> NDArray[np.bool_
     position = face["position"].values
     points = np.array([p for side in outline.sides for p in side])
     flat = outline.chart.flat(position)
-    low, high = points.min(axis=0) - AROUND, points.max(axis=0) + AROUND
+    low, high = points.min(axis=0) - CUT_SURROUNDINGS, points.max(axis=0) + CUT_SURROUNDINGS
     near = ((flat > low) & (flat < high)).all(axis=1)
     depth = (position - outline.chart.origin) @ outline.chart.out
     near &= np.abs(depth) < 45e-3

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from pydantic import BaseModel
 
-UNITS: Final = {"mm3": "mm³", "mm2": "mm²", "mm": "mm", "N": "N", "Pa": "Pa"}
+SHOWN_UNITS: Final = {"mm3": "mm³", "mm2": "mm²", "mm": "mm", "N": "N", "Pa": "Pa"}
 """Unit as it is shown, by the last part of the name of a value."""
 NOT_SHOWN: Final = ("step", "kind", "doubts")  #: names of a report that are stated separately
 
@@ -39,7 +39,7 @@ def facts_of_report(report: Mapping[str, Any]) -> Facts:
     facts: Facts = []
     for name, value in report.items():
         words, _, last = name.rpartition("_")
-        unit = UNITS.get(last, "")
+        unit = SHOWN_UNITS.get(last, "")
         if name not in NOT_SHOWN:
             facts.append(((words if unit else name).replace("_", " "), _text(value, unit)))
     return facts

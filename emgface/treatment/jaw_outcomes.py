@@ -15,11 +15,11 @@ import xarray as xr
 from emgface.anatomy.jaw.model import Floats
 from emgface.anatomy.jaw.outcomes import point_displacement, separation
 from emgface.anatomy.jaw.run import run_task
-from emgface.anatomy.jaw.tasks import TASKS, JawTask
+from emgface.anatomy.jaw.tasks import JAW_TASKS, JawTask
 from emgface.errors import JawError
 from emgface.face.identity import treatments_between
 
-RAMP: Final = 2.0  #: duration of a slow rise of the openers [s]
+OPENING_RISE: Final = 2.0  #: duration of a slow rise of the openers [s]
 OPENERS: Final = ("bi_ad", "bi_my", "bi_ip")
 LOADS: Final = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0)  #: downward loads on the incisor [N]
 GAPES: Final = (5.0, 10.0)  #: gapes at which deviations are compared [mm]
@@ -30,12 +30,12 @@ Path = tuple[Floats, Floats]
 
 
 def opened_by_muscles(jaw: xr.Dataset, level: float = 1.0, without: str = "") -> Path:
-    """Path of a slow opening: activation of the openers rises linearly to a level [1] over `RAMP`.
+    """Path of a slow opening: the openers rise linearly to a level [1] within `OPENING_RISE`.
 
     `without` names an exciter that stays inactive, such as ``bi_ip``, the lateral pterygoids.
     """
-    drive = {name: [(0.0, 0.0), (RAMP, level)] for name in OPENERS if name != without}
-    motion = run_task(jaw, JawTask("slow opening", RAMP, drive), check=False)
+    drive = {name: [(0.0, 0.0), (OPENING_RISE, level)] for name in OPENERS if name != without}
+    motion = run_task(jaw, JawTask("slow opening", OPENING_RISE, drive), check=False)
     return separation(motion), point_displacement(motion, "lower_incisor")[:, 0]
 
 
@@ -45,7 +45,7 @@ def opened_by_load(jaw: xr.Dataset, widest: float = max(GAPES)) -> Path:
     Every load of `LOADS` is held until the jaw comes to rest; larger ones than those for the gape
     `widest` [mm] are left out.
     """
-    rest = TASKS["rest"]
+    rest = JAW_TASKS["rest"]
     gape, right = list[float](), list[float]()
     for load in LOADS:
         motion = run_task(jaw, replace(rest, load=(0.0, 0.0, -load)), check=False)
@@ -82,7 +82,7 @@ def resected_side(jaw: xr.Dataset) -> str:
 
 def jaw_outcomes(jaw: xr.Dataset, sound: str) -> dict[tuple[str, str], float]:
     """Outcomes of a jaw by name and unit; `sound` is the side "L" or "R" that was not treated."""
-    rest = run_task(jaw, TASKS["rest"], check=False)
+    rest = run_task(jaw, JAW_TASKS["rest"], check=False)
     values = {
         ("rest, separation of the incisors", "mm"): float(separation(rest)[-1]),
         ("rest, incisor to the right", "mm"): _right(rest),
@@ -97,10 +97,10 @@ def jaw_outcomes(jaw: xr.Dataset, sound: str) -> dict[tuple[str, str], float]:
         for gape in GAPES:
             name = f"{words}, incisor to the right at a gape of {gape:g} mm"
             values[name, "mm"] = deviation_at(path, gape)
-    clench = run_task(jaw, TASKS["clench"], check=False)
+    clench = run_task(jaw, JAW_TASKS["clench"], check=False)
     force = clench["joint_force"].sel(joint=f"bite_{sound}").isel(time=-1).values
     values["clenching at 10 %, bite force on the sound side", "N"] = float(np.linalg.norm(force))
-    pushed = run_task(jaw, replace(TASKS["rest"], load=(PUSH, 0.0, 0.0)), check=False)
+    pushed = run_task(jaw, replace(JAW_TASKS["rest"], load=(PUSH, 0.0, 0.0)), check=False)
     moved = pushed["position"].isel(time=-1) - rest["position"].isel(time=-1)
     way = moved.sel(marker="lower_incisor").values
     values["sideways push of 1 N at rest, way of the incisor", "mm"] = 1e3 * float(

@@ -11,7 +11,7 @@ from emgface.errors import FaceError
 from emgface.face.lip_shape import has_mouth
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.mouth import Mouth
-from emgface.face.sigma_max import WEAKER
+from emgface.face.sigma_max import AVOIDED_BY_WEAKER
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.pictures.body import skin_of
 from emgface.pictures.surface import SurfaceProbe, with_surface
@@ -23,8 +23,10 @@ from emgface.run.tasks import Task
 from emgface.treatment.pressure import pressure_held
 from sim import SimulationError
 
-MOTION: Final = Stage("treatment_motion", (*MECHANICS, "emgface.treatment.jobs"))
-PRESSURE_STAGE: Final = Stage("treatment_pressure", (*MOTION.modules, "emgface.treatment.pressure"))
+TREATMENT_MOTION: Final = Stage("treatment_motion", (*MECHANICS, "emgface.treatment.jobs"))
+PRESSURE_STAGE: Final = Stage(
+    "treatment_pressure", (*TREATMENT_MOTION.modules, "emgface.treatment.pressure")
+)
 PRESSED: Final = "pressure held"  #: name of the job that finds the pressure of closed lips
 PRESSURE: Final = "pressure_held_Pa"  #: attribute of a motion of closing
 PRESSURE_STEP: Final = "pressure_step_Pa"
@@ -75,7 +77,7 @@ class FailedJob:
     @classmethod
     def from_error(cls, error: SimulationError) -> "FailedJob":
         """Describe an error, which other processes may not be able to read."""
-        return cls(str(error), isinstance(error, WEAKER))
+        return cls(str(error), isinstance(error, AVOIDED_BY_WEAKER))
 
 
 class Faces:
@@ -111,7 +113,7 @@ class Faces:
         stage, inputs = PRESSURE_STAGE, {"face": self._digests[job.which]}
         if job.name != PRESSED:
             own = self.activations[job.name].to_dataset(name="activation")
-            stage, inputs = MOTION, inputs | {"activation": dataset_digest(own)}
+            stage, inputs = TREATMENT_MOTION, inputs | {"activation": dataset_digest(own)}
             if self.reduced is not None:
                 inputs |= {"reduced": file_digest(self.reduced[job.which])}
         return self._store.get_or_compute(

@@ -7,7 +7,7 @@ from pydantic import model_validator
 
 from emgface.choices import Parameters
 
-SHORTEST: Final = 0.1
+SHORTEST_LENGTH_MM: Final = 0.1
 """Lengths of a plan that are positive and shorter are those in metres [mm]; no element is as short."""
 
 
@@ -76,11 +76,11 @@ class Lengths(Parameters):
     @model_validator(mode="after")
     def _in_mm(self) -> "Lengths":
         for name, every in self._lengths().items():
-            if 0.0 < max(abs(one) for one in every) < SHORTEST:
+            if 0.0 < max(abs(one) for one in every) < SHORTEST_LENGTH_MM:
                 of_mm = [f"{1e3 * one:g}" for one in every]
                 in_mm = of_mm[0] if len(of_mm) == 1 else f"[{', '.join(of_mm)}]"
                 raise ValueError(
                     f"{name} = {getattr(self, name)}: lengths of a plan are in mm, and this one is "
-                    f"shorter than {SHORTEST:g} mm; if it is in metres, write {name} = {in_mm}"
+                    f"shorter than {SHORTEST_LENGTH_MM:g} mm; if it is in metres, write {name} = {in_mm}"
                 )
         return self

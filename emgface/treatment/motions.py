@@ -29,8 +29,8 @@ from emgface.treatment.jobs import (
 )
 from emgface.treatment.reduced_pair import notes_of_reduction
 
-RISE, HOLD = 0.25, 0.25  #: time of the rise of a gesture and time at its level [s]
-TASKS: Final[Mapping[str, tuple[str, Mapping[str, float]]]] = {
+GESTURE_RISE, HOLD = 0.25, 0.25  #: time of the rise of a gesture and time at its level [s]
+MOVEMENTS: Final[Mapping[str, tuple[str, Mapping[str, float]]]] = {
     "opening": ("open the lips as far as possible", {"DLI": 1.0, "LLSAN": 1.0}),
     "closing": ("press the lips together", {"OOM": 0.5, "OOP": 0.5}),
 }
@@ -57,7 +57,7 @@ class ComparedMotions:
 
 def gesture(levels: Mapping[str, float], muscles: NDArray[Any]) -> xr.DataArray:
     """Activation (muscle, time) that rises to levels [1] of muscles with side, and is held."""
-    time = np.array([0.0, RISE, RISE + HOLD])
+    time = np.array([0.0, GESTURE_RISE, GESTURE_RISE + HOLD])
     values = np.zeros((len(muscles), 3))
     for k, name in enumerate(map(str, muscles)):
         values[k, 1:] = levels.get(name, 0.0)
@@ -69,10 +69,10 @@ def gesture(levels: Mapping[str, float], muscles: NDArray[Any]) -> xr.DataArray:
 
 
 def gestures(face: xr.Dataset, names: tuple[str, ...] = ()) -> dict[str, xr.DataArray]:
-    """Activations of the six instructions and of `TASKS`, or of some of them."""
+    """Activations of the six instructions and of `MOVEMENTS`, or of some of them."""
     muscles = face["muscle"].values
     activations = {name: gesture(gesture_activation(name), muscles) for name in GESTURES}
-    for name, (_, levels) in TASKS.items():
+    for name, (_, levels) in MOVEMENTS.items():
         both = {f"{m}_{side}": a for m, a in levels.items() for side in "LR"}
         activations[name] = gesture(both, muscles)
     return {name: activations[name] for name in names or activations}
@@ -125,9 +125,9 @@ def recorded(
 
 
 def words_of(name: str, activation: xr.DataArray) -> str:
-    """Describe a movement: an instruction, the gesture in its place, or one of `TASKS`."""
-    if name in TASKS:
-        return TASKS[name][0]
+    """Describe a movement: an instruction, the gesture in its place, or one of `MOVEMENTS`."""
+    if name in MOVEMENTS:
+        return MOVEMENTS[name][0]
     return GESTURES[name][0] if activation.attrs.get("gesture") else INSTRUCTIONS[name]
 
 

@@ -20,9 +20,9 @@ from emgface.treatment.motions import ComparedMotions
 Floats = NDArray[np.float64]
 
 
-CLOSED: Final = 1e-6  #: area of an opening that counts as closed [m^2]
+CLOSED_AREA: Final = 1e-6  #: area of an opening that counts as closed [m^2]
 TRACT: Final = (0.16, 3e-4)  #: length [m] and area [m^2] of a uniform tract behind the lips
-LIPS: Final = 0.01  #: length of the lips along the tract [m]
+TRACT_LIP_LENGTH: Final = 0.01  #: length of the lips along the tract [m]
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ def smile_asymmetry(face: xr.Dataset, motion: xr.Dataset | None) -> float:
 def _lips_close(face: xr.Dataset, motion: xr.Dataset | None) -> float:
     """1 if the opening between the lips vanishes, as /p b m/ require, otherwise 0."""
     area = _residual_area(face, motion)
-    return float(area <= CLOSED) if np.isfinite(area) else float("nan")
+    return float(area <= CLOSED_AREA) if np.isfinite(area) else float("nan")
 
 
 def _pressure(face: xr.Dataset, motion: xr.Dataset | None) -> float:
@@ -160,14 +160,15 @@ def _pressure_at_least(motion: xr.Dataset) -> bool:
 def formant_of_lips(area: float) -> float:
     """First formant [Hz] of a uniform tract that ends in lips with an opening of an area [m^2].
 
-    The tract is a tube of `TRACT` (length, area) and the lips one of `LIPS` length, so that the number
-    shows what the lips alone change; the closed tract of an area below `CLOSED` has none (NaN).
+    The tract is a tube of `TRACT` (length, area) and the lips one of `TRACT_LIP_LENGTH` length, so
+    that the number shows what the lips alone change; the closed tract of an area below
+    `CLOSED_AREA` has none (NaN).
     """
-    if not np.isfinite(area) or area <= CLOSED:
+    if not np.isfinite(area) or area <= CLOSED_AREA:
         return float("nan")
     length, wide = TRACT
-    cells = np.append(np.full(round(length / LIPS), wide), area)
-    return float(formants(cells, len(cells) * LIPS, highest=3000.0)[0][0])
+    cells = np.append(np.full(round(length / TRACT_LIP_LENGTH), wide), area)
+    return float(formants(cells, len(cells) * TRACT_LIP_LENGTH, highest=3000.0)[0][0])
 
 
 def _formant(face: xr.Dataset, motion: xr.Dataset | None) -> float:
@@ -216,7 +217,7 @@ OUTCOMES: Final = (
 )  # fmt: skip
 """All outcomes; a new one is an entry."""
 
-FACTOR: Final = {"mm": 1e3, "mm2": 1e6, "1": 1.0, "Hz": 1.0, "Pa": 1.0}
+UNIT_FACTORS: Final = {"mm": 1e3, "mm2": 1e6, "1": 1.0, "Hz": 1.0, "Pa": 1.0}
 
 
 def outcome_table(
@@ -232,7 +233,7 @@ def outcome_table(
     bounds: list[str] = []
     for outcome in OUTCOMES:
         pair = [
-            outcome.value(face, done.get(outcome.movement)) * FACTOR[outcome.unit]
+            outcome.value(face, done.get(outcome.movement)) * UNIT_FACTORS[outcome.unit]
             if not outcome.movement or outcome.movement in done
             else float("nan")
             for face, done in ((intact, motions.intact), (treated, motions.treated))

@@ -15,21 +15,21 @@ from emgface.face.check import sheet_nodes
 from emgface.face.lip_shape import LipRim, lip_rim
 from emgface.face.parts import OUTER
 from emgface.face.surface import faces_among
+from emgface.face.template.measures import MM
 from emgface.treatment.columns import Chart
-from emgface.treatment.lengths import SHORTEST
-from emgface.treatment.plan import DRAWN, Incision, Tumour, Wedge
+from emgface.treatment.lengths import SHORTEST_LENGTH_MM
+from emgface.treatment.plan import WEDGE_NUMBERS, Incision, Tumour, Wedge
 
 Floats = NDArray[np.float64]
 Point = tuple[float, float]
 
-MM: Final = 1e-3
 ABOVE: Final = 6e-3  #: continuation of the sides beyond the margin, which it follows obliquely [m]
 CORNER: Final = 2e-3  #: distance from the corner of the mouth within which nothing is cut [m]
 DEEP: Final = {"all": None, "outer": 1, "outer and centre": 2}  #: layers that are removed
-DEEPEST: Final = 40e-3  #: largest height of a wedge [m]
-WIDEST: Final = 80.0  #: largest width of a wedge [mm]
+HIGHEST_WEDGE: Final = 40e-3  #: largest height of a wedge [m]
+WIDEST_WEDGE_MM: Final = 80.0  #: largest width of a wedge [mm]
 THICK: Final = 15e-3  #: largest distance of the tissue of a lip from its skin [m]
-LARGEST: Final = 0.2  #: largest extent of a tumour, above which it is in another unit [m]
+LARGEST_TUMOUR: Final = 0.2  #: largest extent of a tumour, above which it is in another unit [m]
 TAPER: Final = 1.5  #: height of a V or shield that contains a tumour, over the depth of the tumour
 
 
@@ -239,11 +239,11 @@ def wedge_around(face: xr.Dataset, step: Tumour, folder: Path) -> Wedge:
     middle = 0.5 * (flat[:, 0].min() + flat[:, 0].max())
     depth = float(flat[:, 1].max())
     taper = 1.0 if step.shape == "rectangle" else TAPER
-    if depth <= 0.0 or taper * depth > DEEPEST:
+    if depth <= 0.0 or taper * depth > HIGHEST_WEDGE:
         raise TreatmentError(
             "tumour",
             f"the tumour with its margin is {1e3 * depth:.1f} mm below the margin of the lip, expected "
-            f"0 to {1e3 * DEEPEST / taper:.1f} mm for this shape: check its centre",
+            f"0 to {1e3 * HIGHEST_WEDGE / taper:.1f} mm for this shape: check its centre",
         )
     height = taper * depth
     v = np.clip(flat[:, 1], 0.0, None) / height
@@ -256,8 +256,8 @@ def wedge_around(face: xr.Dataset, step: Tumour, folder: Path) -> Wedge:
     width = float(np.max(2.0 * np.abs(flat[:, 0] - middle) / inside))
     place = (s + middle) / length[-1]
     # one that is too wide or at the corner is refused where it is drawn
-    drawn = float(np.clip(place, 0.0, 1.0)), min(1e3 * width, WIDEST), 1e3 * height
-    return step.wedge(dict(zip(DRAWN, drawn, strict=True)))
+    drawn = float(np.clip(place, 0.0, 1.0)), min(1e3 * width, WIDEST_WEDGE_MM), 1e3 * height
+    return step.wedge(dict(zip(WEDGE_NUMBERS, drawn, strict=True)))
 
 
 def _tumour_points(step: Tumour, folder: Path) -> Floats:
@@ -295,11 +295,11 @@ def _tumour_points(step: Tumour, folder: Path) -> Floats:
         )
     scale, other = (MM, "m") if step.unit == "mm" else (1.0, "mm")
     across = scale * float(np.ptp(points, axis=0).max())
-    if not MM * SHORTEST < across < LARGEST:
+    if not MM * SHORTEST_LENGTH_MM < across < LARGEST_TUMOUR:
         raise TreatmentError(
             "surface",
-            f"the surface {path} is {1e3 * across:.3g} mm across, expected {SHORTEST:g} to "
-            f"{1e3 * LARGEST:g} mm: if its lengths are in {other}, write unit = '{other}'",
+            f"the surface {path} is {1e3 * across:.3g} mm across, expected {SHORTEST_LENGTH_MM:g} to "
+            f"{1e3 * LARGEST_TUMOUR:g} mm: if its lengths are in {other}, write unit = '{other}'",
         )
     if not mesh.is_watertight:  # a part of a tumour would be contained, and the rest not
         _, count = np.unique(np.sort(mesh.edges, axis=1), axis=0, return_counts=True)

@@ -25,16 +25,16 @@ from emgface.pictures.encoding import (
 from emgface.pictures.page import as_json, cells, environment, policy, style, viewer_script
 from emgface.pictures.render import VIEWS
 from emgface.pictures.stills import body_figure
-from emgface.treatment.facts import UNITS, facts_of_report, facts_of_step
+from emgface.treatment.facts import SHOWN_UNITS, facts_of_report, facts_of_step
 from emgface.treatment.motions import ComparedMotions
-from emgface.treatment.outcomes import CLOSED, FACTOR, OUTCOMES, Outcome, with_words
+from emgface.treatment.outcomes import CLOSED_AREA, OUTCOMES, UNIT_FACTORS, Outcome, with_words
 from emgface.treatment.outline import in_excision, outline_of
 from emgface.treatment.plan import CUTS, NOT_VALIDATED, Incision, Wedge, applied_plan
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-CUT: Final = (0.62, 0.10, 0.16)  #: colour of the tissue that is removed
+REMOVED_COLOUR: Final = (0.62, 0.10, 0.16)  #: colour of the tissue that is removed
 PLAIN_UNITS: Final = {"mm": "millimetres", "mm2": "square millimetres", "Pa": "pascals"}
 PLAIN_LABELS: Final = {
     "simulated": "points on the lips",
@@ -152,7 +152,7 @@ def _drawn_plan(intact: xr.Dataset, treated: xr.Dataset) -> Body:
             if not isinstance(step, (Wedge, Incision)):
                 continue
             mine = in_excision(intact, outline_of(intact, step), step.lip, points)
-            body.colour[: body.tissue][mine] = CUT
+            body.colour[: body.tissue][mine] = REMOVED_COLOUR
     return body
 
 
@@ -176,7 +176,7 @@ def states_of(treated: xr.Dataset, motions: ComparedMotions, names: tuple[str, .
 
 def _table(frame: pd.DataFrame, title: str) -> dict[str, Any]:
     if "unit" in frame:
-        frame = frame.assign(unit=frame["unit"].replace(UNITS))
+        frame = frame.assign(unit=frame["unit"].replace(SHOWN_UNITS))
     columns = tuple(Column(str(name), digits=2) for name in frame.columns)
     return cells(Table(title, columns, tuple(map(tuple, frame.to_numpy().tolist())), "simulated"))
 
@@ -301,7 +301,7 @@ def _compared(
     size = "more" if after > before else "less"
     if bounded:
         return f"{outcome.plain.format(worded['after'])} (before: {worded['before']})"
-    if outcome.unit == "mm2" and max(before, after) <= FACTOR["mm2"] * CLOSED:
+    if outcome.unit == "mm2" and max(before, after) <= UNIT_FACTORS["mm2"] * CLOSED_AREA:
         less = "less than one square millimetre, as before, which counts as closed"
         return outcome.plain.format(less)
     if min(before, after) < 0.0:  # a number below zero says nothing to a person

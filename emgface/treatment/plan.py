@@ -132,7 +132,7 @@ class Wedge(Sutured):
     )
 
 
-DRAWN: Final = ("place", "width", "height")
+WEDGE_NUMBERS: Final = ("place", "width", "height")
 """Names of the numbers of a wedge that contains a tumour, in it and in the report of the step."""
 
 
@@ -162,9 +162,9 @@ class Tumour(Sutured):
         return self
 
     def wedge(self, drawn: Mapping[str, float]) -> Wedge:
-        """Wedge of the same shape and suture, with the place and size `DRAWN`."""
+        """Wedge of the same shape and suture, with the place and size `WEDGE_NUMBERS`."""
         own: dict[str, Any] = {n: getattr(self, n) for n in (*Sutured.model_fields, "shape")}
-        return Wedge.model_validate(own | {name: drawn[name] for name in DRAWN})
+        return Wedge.model_validate(own | {name: drawn[name] for name in WEDGE_NUMBERS})
 
 
 class Change(Lengths):
@@ -304,7 +304,9 @@ def applied_plan(entry: Mapping[str, Any]) -> Plan:
     """
     plan = _stated(entry["plan"])
     steps = [
-        step.wedge(report) if isinstance(step, Tumour) and set(DRAWN) <= set(report) else step
+        step.wedge(report)
+        if isinstance(step, Tumour) and set(WEDGE_NUMBERS) <= set(report)
+        else step
         for step, report in zip(plan.step, entry["steps"], strict=True)
     ]
     return plan.model_copy(update={"step": tuple(steps)})

@@ -22,7 +22,8 @@ Point = tuple[float, float]
 ON: Final = 1e-9  #: distance from a segment below which a vertex is on it [m]
 PROBED: Final = 1e-6  #: length by which a stack is moved to find the change of the volume [m]
 SECANTS: Final = 3  #: steps to the volume
-SMALLEST: Final = 0.15  #: share of its area that a cell keeps at least when a vertex is moved [1]
+#: share of its area that a cell keeps at least when a vertex is moved [1]
+LEAST_CELL_AREA_SHARE: Final = 0.15
 
 
 class Degenerate(FaceError):
@@ -189,7 +190,8 @@ def _moved(
     old = [surface.area(surface.cells[k]) for k in around[vertex]]
     surface.move(vertex, weights)
     good = all(
-        surface.area(surface.cells[k]) > SMALLEST * a and _convex(surface, surface.cells[k])
+        surface.area(surface.cells[k]) > LEAST_CELL_AREA_SHARE * a
+        and _convex(surface, surface.cells[k])
         for k, a in zip(around[vertex], old, strict=True)
     )
     if not good:

@@ -22,18 +22,18 @@ from emgface.face.surface import faces_among
 Floats = NDArray[np.float64]
 
 CLOSING: Final = {"OOM": 0.5, "OOP": 0.5}  #: activations [1] that press the lips together
-STEP: Final = 400.0
+FIRST_PRESSURE_STEP: Final = 400.0
 """First step of the pressure [Pa], and width of the interval in which the lips part.
 
 A pressure of 800 Pa is that of stop consonants in the published model.
 """
-HIGHEST: Final = 12000.0  #: pressure at which the search ends [Pa]
+HIGHEST_PRESSURE: Final = 12000.0  #: pressure at which the search ends [Pa]
 TURNS: Final = 2
 """Equilibria at a pressure: along the normals before the step, and along those of the first."""
-FAILED: Final = (
+PRESSURE_FAILURES: Final = (
     sim.InvertedElement, sim.NotConverged, sim.SingularSystem, sim.ContactFailure,
 )  # fmt: skip
-LIPS: Final = 0  #: index of the pairing of both lips in the contact of a face
+LIP_PAIRING: Final = 0  #: index of the pairing of both lips in the contact of a face
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,12 @@ class LoadSteps:
 
 
 DIVISOR: Final = 4.0
-SHARES: Final = LoadSteps(0.1, 0.2, 0.002)  #: of the share of the activations `CLOSING` [1]
-LONGEST: Final = 4.0  #: longest step of the pressure, relative to the first
+CLOSING_STEPS: Final = LoadSteps(0.1, 0.2, 0.002)  #: of the share of the activations `CLOSING` [1]
+LONGEST_PRESSURE_STEP: Final = 4.0  #: longest step of the pressure, relative to the first
 SLID: Final = 1.5  #: relative length of a step above which one with a rise of the force is divided
 SLIDE: Final = 0.05
 """Rise of the force after a fall, relative to that without load, that is a slide of the lips."""
-SHORTEST: Final = 0.125  #: relative length below which no step is tried
+SHORTEST_PRESSURE_STEP: Final = 0.125  #: relative length below which no step is tried
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class _Lips:
                 load = sim.NodeLoad(self._nodes, force[self._nodes])
                 scene = replace(self._scene, terms=(*self._scene.terms, load))
                 self._moved(sim.compile_scene(scene), 1.0)
-        except FAILED:
+        except PRESSURE_FAILURES:
             self.state = start
             raise
 
@@ -121,7 +121,7 @@ class _Lips:
     def force(self) -> float:
         """Normal force of the lips on each other [N]."""
         assert self._system.contact is not None  # `pressure_held` requires it
-        return float(self._system.contact.normal_forces(self.state.memory)[LIPS])
+        return float(self._system.contact.normal_forces(self.state.memory)[LIP_PAIRING])
 
 
 def pressure_held(
@@ -129,20 +129,21 @@ def pressure_held(
     parameters: SimulationParameters,
     *,
     settled: xr.Dataset | None = None,
-    step: float = STEP,
-    highest: float = HIGHEST,
+    step: float = FIRST_PRESSURE_STEP,
+    highest: float = HIGHEST_PRESSURE,
 ) -> PressureHeld:
     """Find the pressure in the mouth at which closed lips part.
 
     The lips are closed by `CLOSING` on both sides. The pressure acts on the free inner surface of lips
     and cheeks, along its current normals (`TURNS`); at every pressure the tissue is in equilibrium with
     contact. The lips part where they no longer press on each other: their contact force, which falls
-    with the pressure, vanishes. Steps from `step` to `LONGEST` times that bracket this pressure, and the
-    interval is bisected, from the last equilibrium with a force, until it is as short as `step`. The
-    line through the last two positive forces gives the pressure within it. A step in which the force
-    rises is divided if it is longer than `SLID` times `step`, or if the force fell before and the rise
-    is larger than `SLIDE` of that without pressure: it has passed to another equilibrium, with lips that
-    have slid across each other, and not along those of the rising pressure.
+    with the pressure, vanishes. Steps from `step` to `LONGEST_PRESSURE_STEP` times that bracket
+    this pressure, and the interval is bisected, from the last equilibrium with a force, until it is
+    as short as `step`. The line through the last two positive forces gives the pressure within it.
+    A step in which the force rises is divided if it is longer than `SLID` times `step`, or if the
+    force fell before and the rise is larger than `SLIDE` of that without pressure: it has passed to
+    another equilibrium, with lips that have slid across each other, and not along those of the
+    rising pressure.
 
     If no such equilibrium is found above a pressure, or at `highest`, it is a lower bound. Air escapes
     at the first place without contact, at a pressure that is not larger; a mesh whose elements are as
@@ -161,7 +162,7 @@ def pressure_held(
             "contact"
         )
     lips = _Lips(face, p, settle_face(face, p) if settled is None else settled)
-    rise = _risen(lips, lips.closed_to, 1.0, SHARES, parting=False)
+    rise = _risen(lips, lips.closed_to, 1.0, CLOSING_STEPS, parting=False)
     if rise.failure is not None:
         raise FaceError(
             f"the closed lips find no equilibrium above {100 * rise.reached:.0f} % of the activation "
@@ -170,7 +171,7 @@ def pressure_held(
     force = lips.force
     if force == 0.0:
         return PressureHeld(0.0, 0.0, force, closed=False, parted=True)
-    steps = LoadSteps(step, LONGEST * step, SHORTEST * step)
+    steps = LoadSteps(step, LONGEST_PRESSURE_STEP * step, SHORTEST_PRESSURE_STEP * step)
     rise = _risen(lips, lips.pressed_to, highest, steps, parting=True)
     course = ((0.0, force), *rise.course)
     if rise.parted < np.inf:
@@ -217,7 +218,7 @@ def _risen(
         before = lips.state
         try:
             to(aim)
-        except FAILED as error:
+        except PRESSURE_FAILURES as error:
             length, longest = (aim - reached) / DIVISOR, min(longest, 0.5 * (aim - reached))
             if length < steps.shortest:
                 failure = error

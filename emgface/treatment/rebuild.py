@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 LIP_NODES: Final = "lip_opening_node", "mouth_corner_node"
-NEIGHBOURS: Final = 8  #: nodes whose displacement moves a point of a fibre
+NEIGHBOUR_NODES: Final = 8  #: nodes whose displacement moves a point of a fibre
 
 
 def rebuilt(
@@ -205,7 +205,7 @@ def _carry_fibres(
     if "fibre_position" not in face:
         return
     points = face["fibre_position"].values
-    away, near = KDTree(wound.position[used]).query(points, k=NEIGHBOURS)
+    away, near = KDTree(wound.position[used]).query(points, k=NEIGHBOUR_NODES)
     weight = 1.0 / np.maximum(away, 1e-6) ** 2
     weight /= weight.sum(axis=1, keepdims=True)
     shift = (position - wound.position)[used]

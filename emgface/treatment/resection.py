@@ -18,21 +18,21 @@ from emgface.treatment.plan import Resection
 
 Integers = NDArray[np.int64]
 
-LOST: Final = ("at", "mt", "pt", "ip", "sp", "dm", "sm", "am", "pm", "mp")
+LOST_MUSCLES: Final = ("at", "mt", "pt", "ip", "sp", "dm", "sm", "am", "pm", "mp")
 """Muscles that are lost on the resected side; ad, gh, pd and sh remain."""
 ATTACHED: Final = {"none": (), "plate": (), "graft": ("mt", "pt")}
 """Muscles of that side that are attached again; plate and graft also restore the joint."""
 GUIDES: Final = ("tmj", "posterior", "lateral")  #: joints of one side
-TEETH: Final = "bite"  #: stop of the molars of one side, which are in the resected segment
-LARYNX: Final = ("hyoid", "thyroid", "cricoid")  #: bodies that ``hyoid = "fixed"`` holds
-CUT: Final = 0.75
+MOLAR_STOP: Final = "bite"  #: stop of the molars of one side, which are in the resected segment
+LARYNX_BODIES: Final = ("hyoid", "thyroid", "cricoid")  #: bodies that ``hyoid = "fixed"`` holds
+ANTERIOR_CUT: Final = 0.75
 """Place of the anterior cut, behind the canine: share of the distance of the molar from the midline."""
 RAMUS: Final = (0.1, 0.4, 0.7)  #: scars on the line from molar to condyle: shares of the way
 BORDER: Final = (0.0, 0.2, 0.4)  #: scars at the lower border: shares of that way,
-BELOW: Final = (0.13, -0.16, -0.37)
+LARYNX_OFFSETS: Final = (0.13, -0.16, -0.37)
 """and their distance from it, lateral, anterior and superior, over the distance of molar and condyle
 (places of the published demonstration, rounded)."""
-FAR: Final = 1.0
+SCAR_SPRING_LENGTH: Final = 1.0
 """Distance of the ends of a scar spring [m], at which its direction is constant in practice."""
 
 
@@ -43,7 +43,7 @@ def resect(jaw: xr.Dataset, step: Resection) -> tuple[xr.Dataset, dict[str, Any]
     long perpendicular springs. Raises JawError if the jaw lacks the muscles or points of that side.
     """
     side = "L" if step.side == "left" else "R"
-    lost = [f"{m}_{side}" for m in LOST if m not in ATTACHED[step.reconstruction]]
+    lost = [f"{m}_{side}" for m in LOST_MUSCLES if m not in ATTACHED[step.reconstruction]]
     names = [str(m) for m in jaw["muscle"].values]
     absent = [m for m in lost if m not in names]
     needed = [f"bite_{side}", f"condyle_{side}"]
@@ -55,9 +55,11 @@ def resect(jaw: xr.Dataset, step: Resection) -> tuple[xr.Dataset, dict[str, Any]
         )
     open_joint = step.reconstruction == "none"
     joints = [str(j) for j in jaw["joint"].values]
-    lose = (*(GUIDES if open_joint else ()), TEETH)
+    lose = (*(GUIDES if open_joint else ()), MOLAR_STOP)
     gone = [f"{j}_{side}" for j in lose if f"{j}_{side}" in joints]
-    fixed = [b for b in map(str, jaw["body"].values) if b in LARYNX and step.hyoid == "fixed"]
+    fixed = [
+        b for b in map(str, jaw["body"].values) if b in LARYNX_BODIES and step.hyoid == "fixed"
+    ]
     if fixed and "cricothyroid" in joints:
         gone.append("cricothyroid")
     capsule = [s for s in map(str, jaw["spring"].values) if open_joint and s == f"capsule_{side}"]
@@ -72,7 +74,7 @@ def resect(jaw: xr.Dataset, step: Resection) -> tuple[xr.Dataset, dict[str, Any]
     )
     shift = 0.0
     if open_joint and "surface_position" in jaw:
-        left, shift = _without_segment(left, CUT * float(bite[0]))
+        left, shift = _without_segment(left, ANTERIOR_CUT * float(bite[0]))
     if step.scar_stiffness > 0.0:
         left = _with_scars(left, scar_places(bite, condyle, step.scar_place), step.scar_stiffness)
     left.attrs["name"] = f"{jaw.attrs['name']}, simulated resection of the {step.side} side"
@@ -90,7 +92,7 @@ def scar_places(bite: Floats, condyle: Floats, place: str) -> Floats:
     way = condyle - bite
     if place == "ramus":
         return bite + np.array(RAMUS)[:, None] * way
-    away = np.array(BELOW) * [np.sign(bite[0]), 1.0, 1.0] * np.linalg.norm(way)
+    away = np.array(LARYNX_OFFSETS) * [np.sign(bite[0]), 1.0, 1.0] * np.linalg.norm(way)
     return bite + np.array(BORDER)[:, None] * way + away
 
 
@@ -182,9 +184,9 @@ def _with_scars(jaw: xr.Dataset, places: Floats, stiffness: float) -> xr.Dataset
     n = len(start)
     own: dict[str, Any] = {
         "spring_body": np.tile([bodies.index("jaw"), bodies.index("skull")], (n, 1)),
-        "spring_position": np.stack([start, start + FAR * along], axis=1),
+        "spring_position": np.stack([start, start + SCAR_SPRING_LENGTH * along], axis=1),
         "spring_stiffness": np.full(n, stiffness),
-        "spring_rest_length": np.full(n, FAR),
+        "spring_rest_length": np.full(n, SCAR_SPRING_LENGTH),
         "spring_damping": np.zeros(n),
         "spring_one_sided": np.zeros(n),
     }

@@ -15,7 +15,7 @@ from emgface.treatment.plan import Wedge
 
 Floats = NDArray[np.float64]
 
-SAMPLES: Final = 24  #: samples along every direction of an element
+SAMPLES_PER_DIRECTION: Final = 24  #: samples along every direction of an element
 
 
 def sampled_volume(face: xr.Dataset, step: dict[str, Any]) -> float:
@@ -30,7 +30,7 @@ def sampled_volume(face: xr.Dataset, step: dict[str, Any]) -> float:
     columns = columns_of(face, near_nodes(face, outline, own.lip))
     position = face["position"].values
     connectivity = face["connectivity"].values
-    g = (2.0 * np.arange(SAMPLES) + 1.0) / SAMPLES - 1.0
+    g = (2.0 * np.arange(SAMPLES_PER_DIRECTION) + 1.0) / SAMPLES_PER_DIRECTION - 1.0
     total = 0.0
     for column in range(len(columns.corner)):
         names = columns.nodes(column)
@@ -56,14 +56,16 @@ def sampled_volume(face: xr.Dataset, step: dict[str, Any]) -> float:
                 x = 0.5 * (1 - z) * low + 0.5 * (1 + z) * top
                 J = np.stack([np.einsum("ijk,kx->ijx", D, x) for D in (d1, d2)]
                              + [np.einsum("ijk,kx->ijx", N, 0.5 * (top - low))], axis=-1)  # fmt: skip
-                total += float((np.linalg.det(J) * inside).sum()) * (2.0 / SAMPLES) ** 2
+                total += (
+                    float((np.linalg.det(J) * inside).sum()) * (2.0 / SAMPLES_PER_DIRECTION) ** 2
+                )
     return total
 
 
 def _of_wedges(position: Floats, columns: Any, column: int, outline: Any) -> float:
     """Volume of the inner part of a column of wedges."""
     rng = np.random.default_rng(0)
-    bary = rng.dirichlet([1.0, 1.0, 1.0], SAMPLES**2)
+    bary = rng.dirichlet([1.0, 1.0, 1.0], SAMPLES_PER_DIRECTION**2)
     names = columns.nodes(column)
     stacks = position[[columns.stack[n] for n in names]]
     inside = outline.contains(outline.chart.flat(bary @ stacks[:, 0]))

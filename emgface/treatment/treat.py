@@ -18,17 +18,18 @@ from emgface.face.quality import element_centres, element_quality
 from emgface.face.recipe import compose_scene, element_order
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.surface import element_faces, face_areas
+from emgface.face.template.measures import MM
 from emgface.face.validity import check_face
 from emgface.treatment.changes import apply_change, apply_palsy, with_factor, with_share
 from emgface.treatment.closure import Closed, Progress, drawn_together, relaxed, ties
 from emgface.treatment.earlier import SUTURED, earlier_cuts, plan_again
 from emgface.treatment.excise import Wound, excise
 from emgface.treatment.lengths import Lengths
-from emgface.treatment.outline import MM, Outline, outline_of, wedge_around
+from emgface.treatment.outline import Outline, outline_of, wedge_around
 from emgface.treatment.plan import (
     CUTS,
-    DRAWN,
     NOT_VALIDATED,
+    WEDGE_NUMBERS,
     Change,
     Incision,
     Palsy,
@@ -75,7 +76,7 @@ def treat_face(
         try:
             if isinstance(step, Tumour):
                 own = wedge_around(treated, step, folder)
-                report = {name: getattr(own, name) for name in DRAWN}
+                report = {name: getattr(own, name) for name in WEDGE_NUMBERS}
             result, done = _APPLY[type(own)](treated, own, parameters, progress)
             treated = result if result is treated else _valid(result, own)
             report |= done

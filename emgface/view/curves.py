@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from emgface.anatomy.jaw.series import NANOSECONDS
 from emgface.errors import DataError
 from emgface.files import write_text
 from emgface.texts import labelled, read_text
@@ -19,13 +20,12 @@ from emgface.texts import labelled, read_text
 Floats = NDArray[np.float64]
 Interpolation = Literal["linear", "cubic", "step"]
 
-NANOSECONDS: Final = 1e9
-MOST_KNOTS, LONGEST = 20000, 60.0
+MOST_KNOTS, LONGEST_CURVE = 20000, 60.0
 """Largest number of knots of all curves, and largest duration [s]."""
 SAMPLING: Final = 1e-3  #: interval at which cubic curves are sampled [s]
-JUMP: Final = 1e-6  #: time in which a step curve changes [s]
+STEP_TIME: Final = 1e-6  #: time in which a step curve changes [s]
 PROBE: Final = ".txt"  #: suffix of probe files, one for each muscle
-MIRRORED: Final = {"L": "R", "R": "L"}
+MIRRORED_SIDE: Final = {"L": "R", "R": "L"}
 
 
 @dataclass(frozen=True)
@@ -73,9 +73,10 @@ class Curves:
         knots = {name: _checked(name, rows) for name, rows in self.knots.items()}
         if (count := sum(map(len, knots.values()))) > MOST_KNOTS:
             raise DataError(f"the curves have {count} knots, expected at most {MOST_KNOTS}")
-        if not (isinstance(self.duration, float | int) and 0.0 < self.duration <= LONGEST):
+        if not (isinstance(self.duration, float | int) and 0.0 < self.duration <= LONGEST_CURVE):
             raise DataError(
-                f"the duration is {self.duration!r}, expected a number of seconds up to {LONGEST:g}"
+                f"the duration is {self.duration!r}, expected a number of seconds up to "
+                f"{LONGEST_CURVE:g}"
             )
         outside = sum(int(((k[:, 1] < 0.0) | (k[:, 1] > 1.0)).sum()) for k in knots.values())
         object.__setattr__(self, "knots", knots)
@@ -104,7 +105,7 @@ class Curves:
             return np.linspace(0.0, self.duration, round(self.duration / SAMPLING) + 1)
         own = [rows[:, 0] for rows in self.knots.values()]
         if self.interpolation == "step":  # the former value holds until just before a knot
-            own += [rows[:, 0] - JUMP for rows in self.knots.values()]
+            own += [rows[:, 0] - STEP_TIME for rows in self.knots.values()]
         every = np.concatenate([[0.0, self.duration], *own])
         return np.unique(every[(every >= 0.0) & (every <= self.duration)])
 
@@ -134,7 +135,7 @@ class Curves:
 def mirrored(muscle: str) -> str:
     """Name of the muscle of the other side."""
     stem, _, side = muscle.rpartition("_")
-    return f"{stem}_{MIRRORED[side]}" if stem and side in MIRRORED else muscle
+    return f"{stem}_{MIRRORED_SIDE[side]}" if stem and side in MIRRORED_SIDE else muscle
 
 
 def _checked(name: str, rows: Any) -> Floats:

@@ -28,7 +28,7 @@ from sim.threads import one_blas_thread
 
 Floats = NDArray[np.float64]
 
-OUTPUT: Final = 0.02  #: time between the frames of an edited motion [s]
+EDITED_OUTPUT: Final = 0.02  #: time between the frames of an edited motion [s]
 KNOTS: Final = 0.05  #: time between the knots of curves that come from a recording [s]
 
 
@@ -64,9 +64,11 @@ class EditedMotion:
         # Curves whose complete motion was computed ahead, its message and its alignment.
         self._ready: tuple[Curves, bytes, xr.Dataset | None] | None = None
         self._markers = [str(m) for m in reduced.face["marker"].values]
-        self._motions = Motions(reduced, skin, OUTPUT, step)
+        self._motions = Motions(reduced, skin, EDITED_OUTPUT, step)
         # Long steps in contact are not accurate.
-        self._previews = None if reduced.contact else Motions(reduced, skin, OUTPUT, 2.0 * OUTPUT)
+        self._previews = (
+            None if reduced.contact else Motions(reduced, skin, EDITED_OUTPUT, 2.0 * EDITED_OUTPUT)
+        )
 
     def __call__(self, curves: Curves, *, preview: bool = False) -> bytes:
         """Simulate curves; errors as `emgface.reduced.motion.simulate_reduced`.
@@ -162,7 +164,7 @@ class EditedMotion:
     def _doubt(self, curves: Curves) -> str:
         """Reason not to trust the complete motion of curves, or an empty text."""
         system = self._reduced.model.system
-        ends = step_ends(max(round(curves.duration / OUTPUT), 1) * OUTPUT, self._step)
+        ends = step_ends(max(round(curves.duration / EDITED_OUTPUT), 1) * EDITED_OUTPUT, self._step)
         driven = Driven(system, Activation(*curves.activation(system.muscles)))
         return self._reduced.trained.doubt(ends, driven.at_ends([0.0, *ends.tolist()]))
 

@@ -22,22 +22,25 @@ from emgface.view.server import Connection
 
 Floats = NDArray[np.float64]
 
-RISE: Final = 10.0
+LARGEST_SLIDER_RATE: Final = 10.0
 """Largest change of an activation that follows a slider, per second of simulated time [1/s]."""
-FRAMES: Final = 30.0  #: largest number of frames sent to a page per second
+LIVE_FRAME_RATE: Final = 30.0  #: largest number of frames sent to a page per second
 AGAIN: Final = 1.0  #: time after which a source that has stopped is asked again [s]
-REST: Final = 0.1  #: time without a request after which the motion of a preview is computed [s]
+#: time without a request after which the motion of a preview is computed [s]
+PREVIEW_DELAY: Final = 0.1
 WAITING: Final = 0.25  #: time between looks at a page that has not drawn its frame yet [s]
 LEFT_OUT: Final = 0.25
 """Delay after which sliders leave out the missed time instead of making up for it [s]."""
-STILL: Final = "A page edits curves: the face stands still until a page returns to the sliders."
+STILL_SENTENCE: Final = (
+    "A page edits curves: the face stands still until a page returns to the sliders."
+)
 MOST_NOTES: Final = 10_000  #: largest number of notes in the log
 MOST_ROWS: Final = 1_000_000  #: largest number of steps in the log, 2.8 h of steps of 10 ms
-HEAD: Final = ("time", "latency", "computing", "bound", "distance", "trusted", "smallest_J", "lost",
-               "late", "pace")  # fmt: skip
+FRAME_NUMBERS: Final = ("time", "latency", "computing", "bound", "distance", "trusted", "smallest_J",
+                        "lost", "late", "pace")  # fmt: skip
 """Numbers at the start of a frame, in single precision; activations and positions follow."""
 
-UNITS: Final = {"time": "s", "latency": "s", "computing": "s", "bound": "m"}  #: of others: 1
+FRAME_UNITS: Final = {"time": "s", "latency": "s", "computing": "s", "bound": "m"}  #: of others: 1
 
 
 class Drive(Protocol):
@@ -63,7 +66,7 @@ class Drive(Protocol):
 
 
 class Sliders:
-    """Activations that pages set; each follows its slider at no more than `RISE` per second."""
+    """Activations that pages set; each follows its slider by `LARGEST_SLIDER_RATE` per second."""
 
     name = "sliders"
 
@@ -93,7 +96,7 @@ class Sliders:
         due = self._begun + (k + 1) * self._step
         if self._real_time and (early := due - self.now()) > 0.0:
             time.sleep(early)
-        most = RISE * self._step
+        most = LARGEST_SLIDER_RATE * self._step
         self._current = self._current + np.clip(self.wanted - self._current, -most, most)
         return self._current.copy(), due if self._real_time else self.now(), 0, ""
 
@@ -168,7 +171,7 @@ def slider_levels(values: Any, count: int) -> Floats:
 
 @dataclass
 class Log:
-    """Steps of a live face: activations, markers and the numbers of `HEAD`, 0.5 kB for each step."""
+    """Steps of a live face: activations, markers and `FRAME_NUMBERS`, 0.5 kB for each step."""
 
     muscles: tuple[str, ...]
     markers: tuple[str, ...]
@@ -184,7 +187,7 @@ class Log:
 
     @property
     def _table(self) -> Floats:
-        width = len(HEAD) + len(self.muscles) + 3 * len(self.markers)
+        width = len(FRAME_NUMBERS) + len(self.muscles) + 3 * len(self.markers)
         # A copy: while an array lends its memory, nothing can be added to it.
         return np.array(self._numbers).reshape(-1, width)
 
@@ -195,16 +198,18 @@ class Log:
 
     @property
     def rows(self) -> Floats:
-        """Numbers of `HEAD` of every step (steps, numbers)."""
-        return self._table[:, : len(HEAD)]
+        """Numbers of `FRAME_NUMBERS` of every step (steps, numbers)."""
+        return self._table[:, : len(FRAME_NUMBERS)]
 
     def dataset(self, attrs: Mapping[str, Any]) -> xr.Dataset:
         """Activation (muscle, time) [1] and markers (marker, axis, time) [m], with the numbers."""
-        parts = np.cumsum([len(HEAD), len(self.muscles)])
+        parts = np.cumsum([len(FRAME_NUMBERS), len(self.muscles)])
         rows, activation, position = np.split(self._table, parts, axis=1)
-        units = {n: UNITS.get(n, "1") for n in HEAD}
+        units = {n: FRAME_UNITS.get(n, "1") for n in FRAME_NUMBERS}
         named = {
-            n: ("time", rows[:, k], {"units": units[n]}) for k, n in enumerate(HEAD) if n != "time"
+            n: ("time", rows[:, k], {"units": units[n]})
+            for k, n in enumerate(FRAME_NUMBERS)
+            if n != "time"
         }
         position = position.reshape(-1, len(self.markers), 3)
         return xr.Dataset(
@@ -307,7 +312,7 @@ class LiveSession:
             self._still = kind == "still"
             self._editor = connection if self._still else None
             if self._still and self._pages > 1:
-                self.note(self.log.last, STILL)
+                self.note(self.log.last, STILL_SENTENCE)
         else:
             raise DataError("the message is of an unknown kind")
 
@@ -331,7 +336,7 @@ class LiveSession:
                 connection.send(json.dumps({"kind": "note", "text": note}))
             if not new:
                 continue
-            if (early := last + 1.0 / FRAMES - time.perf_counter()) > 0.0:
+            if (early := last + 1.0 / LIVE_FRAME_RATE - time.perf_counter()) > 0.0:
                 time.sleep(early)
             with self._new:
                 newest, number = self._newest, self._number
@@ -357,7 +362,7 @@ class LiveSession:
                     shown, self._shown = self._shown, None
                     # Drawing the preview must not wait for the processor.
                     with self._new:
-                        moved_on = self._new.wait_for(lambda: bool(self._asked), REST)
+                        moved_on = self._new.wait_for(lambda: bool(self._asked), PREVIEW_DELAY)
                     if not moved_on:
                         self._ahead(shown, lambda shown=shown: self._other_than(shown))
                     continue

@@ -17,7 +17,7 @@ from emgface.pictures.page import resource as packaged
 from emgface.pictures.render import VIEWS
 from emgface.pictures.suture import treatment_words
 from emgface.view.curves import Curves
-from emgface.view.live import HEAD
+from emgface.view.live import FRAME_NUMBERS
 from emgface.view.moving import Moving
 from emgface.view.workspace import Workspace
 
@@ -55,7 +55,7 @@ def live_page(
         "muscles": muscles,
         "names": [MUSCLE_NAMES.get(stem_of(m), m) for m in muscles],
         "presets": presets(muscles),
-        "head": list(HEAD),
+        "head": list(FRAME_NUMBERS),
         "markers": face.sizes["marker"],
         "rest": deltas(whole(rest[None], centre)),
         "real_time": moving.real_time,

@@ -13,8 +13,8 @@ Floats = NDArray[np.float64]
 
 BUDGET: Final = 3_000_000  #: largest size of all bins of a page before compression [bytes]
 GAP: Final = -32768  #: value of a bin without a sample
-LARGEST: Final = 32767
-COLUMNS: Final = 4096  #: largest number of bins of a detail that a page may ask for
+LARGEST_INT16: Final = 32767
+MOST_BINS: Final = 4096  #: largest number of bins of a detail that a page may ask for
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def bins_of(rows: Iterable[Floats], size: int, scale: Floats | None = None) -> B
     """Bins of `size` samples of each row (samples,); the last may be shorter.
 
     The rows are used one after the other, because a recording may fill the memory. `scale` is by
-    default the largest absolute value of a row over `LARGEST`.
+    default the largest absolute value of a row over `LARGEST_INT16`.
     """
     lows, highs = list[Floats](), list[Floats]()
     for row in rows:
@@ -54,13 +54,13 @@ def bins_of(rows: Iterable[Floats], size: int, scale: Floats | None = None) -> B
     if units is None:
         both = np.abs(np.concatenate([low, high], axis=1))
         most = np.where(np.isfinite(both), both, 0.0).max(axis=1, initial=0.0)
-        units = np.maximum(most, np.finfo(np.float32).tiny) / LARGEST
+        units = np.maximum(most, np.finfo(np.float32).tiny) / LARGEST_INT16
     return Bins(size, _rounded(low, units), _rounded(high, units), units)
 
 
 def _rounded(values: Floats, scale: Floats) -> NDArray[np.int16]:
     finite = np.isfinite(values)
-    units = np.clip(np.where(finite, values, 0.0) / scale[:, None], -LARGEST, LARGEST)
+    units = np.clip(np.where(finite, values, 0.0) / scale[:, None], -LARGEST_INT16, LARGEST_INT16)
     return np.where(finite, np.round(units), GAP).astype(np.int16)
 
 

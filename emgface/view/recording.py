@@ -21,7 +21,7 @@ from emgface.recordings.labels import LabelMap, read_label_map
 from emgface.signals.filters import bandpass, sampling_rate
 from emgface.signals.parameters import FilterParameters
 from emgface.view.page import view_resource
-from emgface.view.pyramid import COLUMNS, GAP, as_data, bins_of, coarse_enough
+from emgface.view.pyramid import GAP, MOST_BINS, as_data, bins_of, coarse_enough
 from emgface.view.server import Answer
 
 Floats = NDArray[np.float64]
@@ -199,7 +199,7 @@ class RecordingPage:
         except (KeyError, ValueError):
             return Answer(b"", status=400)
         samples = self._emg.shape[1]
-        if not (0 <= start < stop <= samples and 0 < columns <= COLUMNS):
+        if not (0 <= start < stop <= samples and 0 < columns <= MOST_BINS):
             return Answer(b"", status=400)
         filtered = query.get("filtered") == "1" and True in self._scales
         size = max(1, -(-(stop - start) // columns))

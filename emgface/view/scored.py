@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from analysis.align import align
 from analysis.errors import AnalysisError
-from analysis.scores import ROUNDING
+from analysis.scores import MOTION_ROUNDING
 from emgface.errors import DataError
 from emgface.face.measured import measured_during
 from emgface.study.configuration import StudyConfiguration
@@ -96,7 +96,7 @@ def correlations(
     defined = np.isfinite(squares[0] + squares[1])
     for x, square in zip(given, squares, strict=True):
         root = np.sqrt(square / x.shape[2])
-        defined &= (root > ROUNDING * np.abs(x).max(axis=(1, 2))) & ~(root < smallest_motion)
+        defined &= (root > MOTION_ROUNDING * np.abs(x).max(axis=(1, 2))) & ~(root < smallest_motion)
     defined &= ~(squares[0] / given[0].shape[2] < (1.0 + smallest_snr) * noise**2)
     product = (centred[0] * centred[1]).sum(axis=(1, 2))
     norm = np.where(defined, np.sqrt(squares[0]) * np.sqrt(squares[1]), np.nan)

@@ -23,14 +23,14 @@ from urllib.parse import parse_qs, urlsplit
 from emgface.errors import DataError
 
 LOOPBACK: Final = "127.0.0.1"
-NAMES: Final = frozenset({"127.0.0.1", "localhost", "[::1]"})
+LOCAL_HOSTS: Final = frozenset({"127.0.0.1", "localhost", "[::1]"})
 """Host names of this computer; the port may differ from that of the server (``ssh -L``)."""
 SECRET_BYTES: Final = 32
 LARGEST_MESSAGE: Final = 1 << 20  #: largest message of a page [bytes]
 LARGEST_BODY: Final = 1 << 20  #: largest body of a POST request [bytes]
 HANDSHAKE: Final = 10.0  #: time in which a request must be complete [s]
 GUID: Final = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11"  #: constant of RFC 6455, section 1.3
-TEXT, BINARY, CLOSE, PING, PONG = 1, 2, 8, 9, 10  #: codes of frames, RFC 6455, section 5.2
+TEXT, BINARY, CLOSE_CODE, PING, PONG = 1, 2, 8, 9, 10  #: codes of frames, RFC 6455, section 5.2
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ class Connection:
                 break
             if code == PING:
                 self._send(PONG, body)
-            elif code == CLOSE:
-                self._send(CLOSE, body[:2])
+            elif code == CLOSE_CODE:
+                self._send(CLOSE_CODE, body[:2])
                 break
             elif code in (0, TEXT, BINARY):
                 kind = code or kind
@@ -273,7 +273,7 @@ class _Handler(BaseHTTPRequestHandler):
         host = self.headers.get("Host", "")
         origin = self.headers.get("Origin")
         plain, _, port = host.rpartition(":") if not host.endswith("]") else (host, "", "")
-        if (plain if port.isdecimal() else host) not in NAMES:
+        if (plain if port.isdecimal() else host) not in LOCAL_HOSTS:
             return self._refuse(403)
         if origin != f"http://{host}" if same_origin or origin is not None else False:
             return self._refuse(403)

@@ -15,11 +15,11 @@ from emgface.view.curves import Curves, curves_from, read_curves, write_curves
 from emgface.view.server import Answer
 
 VERSION: Final = 1
-RECIPE, CURVES, NOTES = "workspace.toml", "curves.csv", "notes.md"
+RECIPE, CURVES_FILE, NOTES = "workspace.toml", "curves.csv", "notes.md"
 """Files of a workspace; no other file of the folder is read or written."""
 VIEW: Final = {"yaw": 720.0, "pitch": 90.0, "zoom": 10.0}
 """Numbers of a view, with their largest absolute values."""
-LONGEST: Final = 100_000  #: largest number of characters of the notes
+LONGEST_NOTES: Final = 100_000  #: largest number of characters of the notes
 
 
 @dataclass
@@ -52,7 +52,7 @@ class Workspace:
         """
         digests = {role: _digest(path) for role, path in files.items() if path is not None}
         made = cls(folder, digests, muscles)
-        for name in (RECIPE, CURVES, NOTES):
+        for name in (RECIPE, CURVES_FILE, NOTES):
             if (folder / name).is_symlink():
                 raise DataError(
                     f"{folder / name} is a link, expected a file: links are not followed, "
@@ -90,8 +90,8 @@ class Workspace:
                     "begin another workspace"
                 )
         self.view = _view(recipe.get("view", {}), str(path))
-        if (self.folder / CURVES).exists():
-            self.curves = read_curves(self.folder / CURVES)
+        if (self.folder / CURVES_FILE).exists():
+            self.curves = read_curves(self.folder / CURVES_FILE)
             self.curves.activation(self.muscles)
         if (self.folder / NOTES).exists():
             try:
@@ -124,7 +124,7 @@ class Workspace:
             lines += ["", "[view]", *(f"{name} = {value!r}" for name, value in self.view.items())]
         write_text(self.folder / RECIPE, "\n".join(lines) + "\n")
         if self.curves is not None:
-            write_curves(self.curves, self.folder / CURVES)
+            write_curves(self.curves, self.folder / CURVES_FILE)
         write_text(self.folder / NOTES, self.notes)
 
 
@@ -141,8 +141,8 @@ def _view(given: Any, where: str) -> dict[str, float]:
 
 
 def _notes(given: Any, where: str) -> str:
-    if not isinstance(given, str) or len(given) > LONGEST:
-        raise DataError(f"the notes of {where} are no text of at most {LONGEST} characters")
+    if not isinstance(given, str) or len(given) > LONGEST_NOTES:
+        raise DataError(f"the notes of {where} are no text of at most {LONGEST_NOTES} characters")
     try:
         given.encode("utf-8")
     except UnicodeEncodeError as error:

@@ -21,7 +21,7 @@ from emgface.muscles import CHANNELS, MODELLED, SIDES
 
 VELOCITY: Final = 3.2
 """Conduction velocity of muscle fibres [m/s], the mean of 2.4 to 4.0 of the motor units."""
-NEAR: Final = 4e-3
+REFERENCE_DISTANCE: Final = 4e-3
 """Reference distance of the potentials of the motor units [m], the mean depth of their fibres."""
 ELECTRODES: Final[Mapping[str, tuple[str, float]]] = {
     "OOS": ("OOP", 0.2),
@@ -34,7 +34,7 @@ ELECTRODES: Final[Mapping[str, tuple[str, float]]] = {
 }
 """Muscle, and position along its first fibre, under each pair of electrodes."""
 _STEP: Final = 2.0
-LIPS: Final = {"OOP": ("OOS", "OOI"), "OOM": ("OOS", "OOI")}
+UNITS_OF_LIPS: Final = {"OOP": ("OOS", "OOI"), "OOM": ("OOS", "OOI")}
 """Muscles with separate units in the two lips, by the electrodes of each lip."""
 
 
@@ -64,19 +64,21 @@ class Conduction:
     def attenuation(self, frequency: np.ndarray) -> np.ndarray:
         """Absolute value of `transfer`, shape (14, sources, n)."""
         wave = 2.0 * np.pi * np.where(frequency > 0, frequency, 1.0) / VELOCITY
-        radius = np.maximum(self.distance, NEAR)[..., None]
+        radius = np.maximum(self.distance, REFERENCE_DISTANCE)[..., None]
         # K0 underflows at large distances and frequencies; k0e is K0 times an exponential.
-        fall = np.exp(-wave * (radius - NEAR))
-        size = scipy.special.k0e(wave * radius) / scipy.special.k0e(wave * NEAR) * fall
+        fall = np.exp(-wave * (radius - REFERENCE_DISTANCE))
+        size = (
+            scipy.special.k0e(wave * radius) / scipy.special.k0e(wave * REFERENCE_DISTANCE) * fall
+        )
         return np.where(frequency > 0, size, 0.0)
 
     def transfer(self, frequency: np.ndarray) -> np.ndarray:
         """Transfer function from every source to every channel, complex, shape (14, sources, n).
 
         ``H = K0(2 pi f r / v) / K0(2 pi f r_0 / v) exp(-2 pi i f s / v)`` with the frequencies f
-        (n,) [Hz], the distance r, at least r_0 = `NEAR`, the path s along the fibre and the
-        velocity v = `VELOCITY`; 0 at f = 0. Source of the tissue filter: Lindstrom and Magnusson
-        1977, Proc IEEE 65:653-662.
+        (n,) [Hz], the distance r, at least r_0 = `REFERENCE_DISTANCE`, the path s along the fibre
+        and the velocity v = `VELOCITY`; 0 at f = 0. Source of the tissue filter: Lindstrom and
+        Magnusson 1977, Proc IEEE 65:653-662.
         """
         # The attenuation is interpolated linearly between `_STEP` hertz; Bessel functions are slow.
         steps = np.arange(0.0, float(frequency.max()) + 2 * _STEP, _STEP)
@@ -95,14 +97,14 @@ def face_conduction(face: xr.Dataset) -> Conduction:
         CurrentSource(f"{muscle}_{side}", f"{home}_{side}")
         for side in SIDES
         for muscle in MODELLED
-        for home in LIPS.get(muscle, (_home(muscle),))
+        for home in UNITS_OF_LIPS.get(muscle, (_home(muscle),))
     )
     places = np.stack([_electrode(face, skin, channel) for channel in CHANNELS])
     shape = (len(CHANNELS), len(sources))
     distance, along = np.empty(shape), np.empty(shape)
     for column, source in enumerate(sources):
         fibres = [_resampled(f) for f in fibres_of(face, source.muscle)]
-        if source.muscle[:-2] in LIPS:
+        if source.muscle[:-2] in UNITS_OF_LIPS:
             half = len(fibres[0]) // 2
             upper = source.home.startswith("OOS")
             fibres = [f[: half + 1] if upper else f[half:] for f in fibres]

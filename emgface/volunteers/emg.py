@@ -16,13 +16,12 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import SignalError
-from emgface.muscles import ACROSS, CHANNELS, MUSCLES, NEIGHBOURS, SIDES
+from emgface.muscles import CHANNELS, CHANNELS_AT_MIDLINE, MUSCLES, NEIGHBOURS, SIDES
 from emgface.volunteers.conduction import ELECTRODES, Conduction
 from emgface.volunteers.motor_units import Pools, draw_pool, pool_signal
+from emgface.volunteers.noise import RECORDING_BAND
 
-BAND: Final = (15.0, 500.0)  #: band of the synthesised EMG [Hz], the recording band of the study
-
-PICKUP: Final[Mapping[str, Mapping[str, float]]] = {
+FACE_PICKUP: Final[Mapping[str, Mapping[str, float]]] = {
     "OOS": {"OOP": 0.8, "OOM": 1.0},
     "OOI": {"OOP": 0.8, "OOM": 1.0},
     "RIS": {"RIS": 1.0},
@@ -53,22 +52,22 @@ def power_spectrum(frequency: np.ndarray) -> np.ndarray:
 def band_limited_noise(
     n_signals: int, n_samples: int, sampling_rate: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """Gaussian noise of unit variance with `power_spectrum` within `BAND`, (signals, samples).
+    """Gaussian noise of unit variance with `power_spectrum` within `RECORDING_BAND`, (signals, samples).
 
     Raises SignalError if the sampling rate [Hz] is too low for the band or the signal too short for
     its lower edge.
     """
-    if sampling_rate <= 2.0 * BAND[1]:
+    if sampling_rate <= 2.0 * RECORDING_BAND[1]:
         raise SignalError(
-            f"a sampling rate of {sampling_rate:g} Hz cannot represent sEMG up to {BAND[1]:g} Hz: "
-            f"choose more than {2 * BAND[1]:g} Hz"
+            f"a sampling rate of {sampling_rate:g} Hz cannot represent sEMG up to "
+            f"{RECORDING_BAND[1]:g} Hz: choose more than {2 * RECORDING_BAND[1]:g} Hz"
         )
     frequency = np.fft.rfftfreq(n_samples, 1.0 / sampling_rate)
-    inside = (frequency >= BAND[0]) & (frequency <= BAND[1])
-    if n_samples < sampling_rate / BAND[0]:
+    inside = (frequency >= RECORDING_BAND[0]) & (frequency <= RECORDING_BAND[1])
+    if n_samples < sampling_rate / RECORDING_BAND[0]:
         raise SignalError(
             f"{n_samples} samples at {sampling_rate:g} Hz are shorter than one period of "
-            f"{BAND[0]:g} Hz: use a longer trial"
+            f"{RECORDING_BAND[0]:g} Hz: use a longer trial"
         )
     density = np.where(inside, power_spectrum(frequency), 0.0)
     shape = (n_signals, frequency.size)
@@ -79,11 +78,11 @@ def band_limited_noise(
 
 
 def pickup_matrix() -> np.ndarray:
-    """Matrix of `PICKUP` for both sides, shape (14 channels, 20 muscles)."""
+    """Matrix of `FACE_PICKUP` for both sides, shape (14 channels, 20 muscles)."""
     matrix = np.zeros((len(CHANNELS), len(MUSCLES)))
     for row, channel in enumerate(CHANNELS):
         name, side = channel.split("_")
-        for muscle, weight in PICKUP[name].items():
+        for muscle, weight in FACE_PICKUP[name].items():
             matrix[row, MUSCLES.index(f"{muscle}_{side}")] = weight
     return matrix
 
@@ -92,7 +91,7 @@ def cross_talk_matrix(share: float) -> np.ndarray:
     """Symmetric mixing (14, 14) of channels: 1 on the diagonal, `share` between neighbours."""
     matrix = np.eye(len(CHANNELS))
     pairs = [(f"{a}_{side}", f"{b}_{side}") for a, b in NEIGHBOURS for side in ("L", "R")]
-    pairs += [(f"{name}_L", f"{name}_R") for name in ACROSS]
+    pairs += [(f"{name}_L", f"{name}_R") for name in CHANNELS_AT_MIDLINE]
     for a, b in pairs:
         i, j = CHANNELS.index(a), CHANNELS.index(b)
         matrix[i, j] = matrix[j, i] = share
@@ -121,7 +120,7 @@ def synthesise_emg(
     amplifier [V], one value or (14,), and `mains_hum` the amplitude of the sinusoidal hum [V].
     Frequencies are in Hz; a `sampling_rate` too low for the band of sEMG raises SignalError.
     `pools` are the motor units of `draw_pools`, at the sampling rate; the default is noise.
-    `conduction` contains the paths of all muscles to all electrodes, instead of `PICKUP` and
+    `conduction` contains the paths of all muscles to all electrodes, instead of `FACE_PICKUP` and
     `cross_talk`.
     """
     true_time = activation["time_true"].values
@@ -158,14 +157,14 @@ def synthesise_emg(
 def draw_pools(rng: np.random.Generator, sampling_rate: float = 2048.0) -> Pools:
     """Draw the motor units within reach of the fourteen electrode pairs of a person, 24 pools.
 
-    Each muscle under a pair (`PICKUP`) has a separate pool there: upper and lower lip are driven by
+    Each muscle under a pair (`FACE_PICKUP`) has a separate pool there: upper and lower lip are driven by
     different units of the orbicularis oris. The buccinator, which lies under no pair and is
     recorded only through the tissue, also has one. `sampling_rate` is in Hz.
     """
     pools = {
         (channel, f"{muscle}_{channel[-1]}"): draw_pool(rng, sampling_rate)
         for channel in CHANNELS
-        for muscle in PICKUP[channel[:-2]]
+        for muscle in FACE_PICKUP[channel[:-2]]
     }
     for side in SIDES:
         pools[f"RIS_{side}", f"BUC_{side}"] = draw_pool(rng, sampling_rate)
@@ -177,7 +176,7 @@ def _unit_sources(pools: Pools, activation: np.ndarray, rng: np.random.Generator
     weight = pickup_matrix()
     source = np.zeros((len(CHANNELS), activation.shape[1]))
     for (channel, muscle), pool in pools.items():
-        if muscle[:-2] not in PICKUP[channel[:-2]]:
+        if muscle[:-2] not in FACE_PICKUP[channel[:-2]]:
             continue
         row, column = CHANNELS.index(channel), MUSCLES.index(muscle)
         # As for noise, the gain refers to full activation of all muscles under a pair.
@@ -224,7 +223,7 @@ def _transfer(conduction: Conduction, length: int, rate: float) -> np.ndarray:
 
 def _own_amplitude(conduction: Conduction) -> np.ndarray:
     """Root mean square (14,) of each channel with full activation of the muscle under it only."""
-    frequency = np.arange(BAND[0], BAND[1])
+    frequency = np.arange(RECORDING_BAND[0], RECORDING_BAND[1])
     density = power_spectrum(frequency)
     passed = np.square(np.abs(conduction.transfer(frequency))) @ density / density.sum()
     homes = [(source.muscle, source.home) for source in conduction.sources]

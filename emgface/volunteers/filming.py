@@ -8,16 +8,16 @@ from emgface.volunteers.cameras import Camera, triangulate
 FOCAL = 2000.0  #: focal length [pixel]
 IMAGE = (1280.0, 1024.0)  #: width and height of an image [pixel]
 DISTANCE = 0.9  #: distance of the cameras from the mouth [m]
-DIRECTIONS = (-35.0, 0.0, 35.0)
+CAMERA_ANGLES = (-35.0, 0.0, 35.0)
 """Angles of the cameras from straight ahead, seen from above [degree]."""
 RAISED = (0.12, -0.10, 0.12)  #: heights of the cameras above the mouth [m]
-SHORTEST, LONGEST = 0.02, 0.08  #: range of the duration of a marker loss [s]
+SHORTEST_LOSS, LONGEST_LOSS = 0.02, 0.08  #: range of the duration of a marker loss [s]
 
 
 def three_cameras(mouth: np.ndarray) -> list[Camera]:
     """Return three cameras in front of a face, directed at the mouth [m]; y is anterior, z up."""
     cameras: list[Camera] = []
-    for angle, height in zip(np.deg2rad(DIRECTIONS), RAISED, strict=True):
+    for angle, height in zip(np.deg2rad(CAMERA_ANGLES), RAISED, strict=True):
         place = mouth + DISTANCE * np.array([np.sin(angle), np.cos(angle), 0.0])
         place = place + np.array([0.0, 0.0, height])
         ahead = (mouth - place) / np.linalg.norm(mouth - place)
@@ -59,6 +59,6 @@ def occlude(position: xr.DataArray, *, rate: float, rng: np.random.Generator) ->
     for marker in values:
         for _ in range(rng.poisson(rate * span)):
             start = rng.uniform(time[0], time[-1])
-            lost = (time >= start) & (time < start + rng.uniform(SHORTEST, LONGEST))
+            lost = (time >= start) & (time < start + rng.uniform(SHORTEST_LOSS, LONGEST_LOSS))
             marker[:, lost] = np.nan
     return position.copy(data=values)

@@ -34,7 +34,7 @@ class Phase:
     sides: Mapping[str, float]
 
 
-PHASES: Final[Mapping[str, tuple[Phase, ...]]] = {
+INSTRUCTION_PHASES: Final[Mapping[str, tuple[Phase, ...]]] = {
     instruction: tuple(Phase(**burst) for burst in bursts)
     for instruction, bursts in module_toml(__file__).items()
 }
@@ -57,7 +57,7 @@ class Timing:
 def strongest_muscle(instruction: str) -> str:
     """Muscle with the highest level of an instruction, the first if several are equal."""
     highest: dict[str, float] = {}
-    for phase in PHASES[instruction]:
+    for phase in INSTRUCTION_PHASES[instruction]:
         for muscle, level in phase.levels.items():
             highest[muscle] = max(level, highest.get(muscle, 0.0))
     return max(highest, key=lambda muscle: highest[muscle])
@@ -114,14 +114,14 @@ def true_activation(
     `recruitment` the deviations of the person's muscles from the table. `duration` [s] is the
     length of the trial, `tail` [s] that of the rest after it; `sampling_rate` is in Hz.
     """
-    if instruction not in PHASES:
+    if instruction not in INSTRUCTION_PHASES:
         raise ConfigurationError(
             f"instruction {instruction!r} is unknown, expected one of {LETTERS}"
         )
     timing, levels = timing or Timing(), levels or {}
     time = np.arange(round((duration + tail) * sampling_rate) + 1) / sampling_rate
     values = np.zeros((len(MUSCLES), time.size))
-    for phase in PHASES[instruction]:
+    for phase in INSTRUCTION_PHASES[instruction]:
         start, end = (
             duration * (0.5 + timing.pace * (fraction - 0.5)) + timing.shift
             for fraction in (phase.start, phase.end)

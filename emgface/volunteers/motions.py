@@ -11,8 +11,8 @@ from emgface.run.digest import dataset_digest
 from emgface.run.mechanics import MECHANICS
 from emgface.run.store import Stage, Store
 
-REST = Stage("volunteer_rest", MECHANICS)
-MOTION = Stage("volunteer_motion", (*MECHANICS, "emgface.face.sigma_max"))
+VOLUNTEER_REST = Stage("volunteer_rest", MECHANICS)
+VOLUNTEER_MOTION = Stage("volunteer_motion", (*MECHANICS, "emgface.face.sigma_max"))
 
 
 class Mover:
@@ -31,7 +31,7 @@ class Mover:
     def rest(self, parameters: SimulationParameters) -> xr.Dataset:
         """Return the face at its equilibrium under gravity."""
         return self._store.get_or_compute(
-            REST,
+            VOLUNTEER_REST,
             {"face": self._digest},
             of_rest(parameters),
             lambda: settle_face(self.face, parameters),
@@ -53,4 +53,6 @@ class Mover:
             "activation": dataset_digest(activation.to_dataset(name="activation")),
         }
         parameters = self.parameters.model_dump(mode="json")
-        return self._store.get_or_compute(MOTION, inputs, parameters, compute, label=label).dataset
+        return self._store.get_or_compute(
+            VOLUNTEER_MOTION, inputs, parameters, compute, label=label
+        ).dataset

@@ -8,8 +8,9 @@ import numpy as np
 import scipy.signal
 
 from emgface.volunteers.action_potentials import action_potentials, draw_geometry
+from emgface.volunteers.noise import RECORDING_BAND
 
-UNITS: Final = 100  #: motor units within reach of one electrode pair
+UNITS_PER_ELECTRODE: Final = 100  #: motor units within reach of one electrode pair
 RECRUITMENT_RANGE: Final = 30.0  #: ratio of the largest to the smallest recruitment threshold
 SIZE_RANGE: Final = 10.0
 """Ratio of the largest to the smallest action potential, small for facial muscles."""
@@ -19,8 +20,8 @@ RATE_DIFFERENCE: Final = 10.0
 """Decrease of the largest firing rate from the first to the last unit [1/s]."""
 RATE_GAIN: Final = 1.0  #: increase of the firing rate per unit of excitation [1/s]
 INTERVAL_VARIATION: Final = 0.2  #: coefficient of variation of the intervals between discharges
-PHASES: Final = 4  #: number of positions between two samples at which a potential may begin
-BAND: Final = (15.0, 500.0)  #: pass-band of the amplifier [Hz]
+#: number of positions between two samples at which a potential may begin
+POTENTIAL_PHASES: Final = 4
 
 
 @dataclass(frozen=True)
@@ -71,20 +72,22 @@ def draw_pool(rng: np.random.Generator, sampling_rate: float) -> MotorUnitPool:
     limbs: discharges of the corrugator cause a peak of its spectrum near 31 Hz (van Boxtel 2001,
     Psychophysiology 38:22-34), hence a highest rate of 40 instead of 35 per second.
     """
-    number = np.arange(1, UNITS + 1)
-    threshold = np.exp(np.log(RECRUITMENT_RANGE) * number / UNITS)
-    size = np.exp(np.log(SIZE_RANGE) * number / UNITS)
+    number = np.arange(1, UNITS_PER_ELECTRODE + 1)
+    threshold = np.exp(np.log(RECRUITMENT_RANGE) * number / UNITS_PER_ELECTRODE)
+    size = np.exp(np.log(SIZE_RANGE) * number / UNITS_PER_ELECTRODE)
     span = max(float(threshold[-1] - threshold[0]), 1e-12)
     peak = HIGHEST_RATE - RATE_DIFFERENCE * (threshold - threshold[0]) / span
     full = float(threshold[-1] + (peak[-1] - LOWEST_RATE) / RATE_GAIN)
-    fine = action_potentials(draw_geometry(rng, size), PHASES * sampling_rate)
-    sos = scipy.signal.butter(2, BAND, "bandpass", fs=PHASES * sampling_rate, output="sos")
-    room = round(0.02 * PHASES * sampling_rate) // PHASES * PHASES
+    fine = action_potentials(draw_geometry(rng, size), POTENTIAL_PHASES * sampling_rate)
+    sos = scipy.signal.butter(
+        2, RECORDING_BAND, "bandpass", fs=POTENTIAL_PHASES * sampling_rate, output="sos"
+    )
+    room = round(0.02 * POTENTIAL_PHASES * sampling_rate) // POTENTIAL_PHASES * POTENTIAL_PHASES
     fine = scipy.signal.sosfiltfilt(sos, np.pad(fine, ((0, 0), (room, room))), padlen=0)
     # Sample k of phase p is at the time k - p / PHASES.
-    shifted = [np.roll(fine, p, axis=1)[:, ::PHASES] for p in range(PHASES)]
+    shifted = [np.roll(fine, p, axis=1)[:, ::POTENTIAL_PHASES] for p in range(POTENTIAL_PHASES)]
     potential = size[:, None, None] * np.stack(shifted, axis=1)
-    pool = MotorUnitPool(threshold, peak, full, potential, sampling_rate, room // PHASES)
+    pool = MotorUnitPool(threshold, peak, full, potential, sampling_rate, room // POTENTIAL_PHASES)
     potential /= float(pool.rms(np.ones(1))[0])
     return pool
 
@@ -129,8 +132,8 @@ def pool_signal(
     activation = np.asarray(activation)
     unit, time = discharges(pool.rates(activation), pool.sampling_rate, rng)
     n, length = activation.size, pool.potential.shape[2]
-    place = np.ceil(time * pool.sampling_rate * PHASES).astype(np.int64)
-    start, phase = place // PHASES, place % PHASES
+    place = np.ceil(time * pool.sampling_rate * POTENTIAL_PHASES).astype(np.int64)
+    start, phase = place // POTENTIAL_PHASES, place % POTENTIAL_PHASES
     index = start[:, None] + np.arange(length)
     total = np.bincount(index.ravel(), pool.potential[unit, phase].ravel(), minlength=n + pool.lead)
     return total[pool.lead : pool.lead + n]

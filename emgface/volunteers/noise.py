@@ -6,15 +6,16 @@ from typing import Final
 import numpy as np
 import scipy.signal
 
-BAND: Final = (15.0, 500.0)  #: pass-band of the study [Hz]
-WINDOW: Final = 0.25  #: length of the windows in which power is measured [s]
+#: pass-band of the amplifier, of synthesised EMG and of the study [Hz]
+RECORDING_BAND: Final = (15.0, 500.0)
+POWER_WINDOW: Final = 0.25  #: length of the windows in which power is measured [s]
 
 
 def window_power(emg: np.ndarray, sampling_rate: float) -> np.ndarray:
     """Power in the pass-band in consecutive windows, (channels, windows) [V^2]."""
-    sos = scipy.signal.butter(4, BAND, "bandpass", fs=sampling_rate, output="sos")
+    sos = scipy.signal.butter(4, RECORDING_BAND, "bandpass", fs=sampling_rate, output="sos")
     heard = scipy.signal.sosfiltfilt(sos, emg, axis=1)
-    size = round(WINDOW * sampling_rate)
+    size = round(POWER_WINDOW * sampling_rate)
     count = heard.shape[1] // size
     pieces = heard[:, : count * size].reshape(len(heard), count, size)
     return np.square(pieces).mean(axis=2)
@@ -65,5 +66,5 @@ def noise_for(
     wanted = active_power(clean, sampling_rate, runs=runs) / (
         10.0 ** (np.asarray(snr) / 10.0) - 1.0
     )
-    passed = 2.0 * (BAND[1] - BAND[0]) / sampling_rate
+    passed = 2.0 * (RECORDING_BAND[1] - RECORDING_BAND[0]) / sampling_rate
     return np.sqrt(np.maximum(wanted - 0.5 * mains_hum**2, 0.0) / passed)

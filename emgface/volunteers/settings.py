@@ -4,9 +4,9 @@ from typing import Literal
 
 from pydantic import Field
 
-from emgface.choices import ESKES, OWN, Parameters, choice, parameter
+from emgface.choices import ESKES, THIS_PACKAGE, Parameters, choice, parameter
 from emgface.face.template.resolution import Resolution
-from emgface.face.template.volunteers import PRESETS
+from emgface.face.template.volunteers import GROUP_PRESETS
 from emgface.volunteers.world import MISMATCHED, World
 
 VAN_BOXTEL = "van Boxtel 2001, Psychophysiology 38:22-34"
@@ -29,7 +29,7 @@ class VolunteerParameters(Parameters):
         "Number of elements of the random faces: coarse, medium, fine, or an approximate number.",
         note="finer than that of the study, so that the errors of both differ",
     )
-    preset: str = choice("adult", f"Group of people: {', '.join(PRESETS)}.")
+    preset: str = choice("adult", f"Group of people: {', '.join(GROUP_PRESETS)}.")
     spread: float = parameter(1.0, "Factor on the published spread of the measures of faces.", ge=0)
     face_asymmetry: float = parameter(
         1.0, "Factor on the spread of the differences between the sides.", ge=0
@@ -75,7 +75,7 @@ class VolunteerParameters(Parameters):
         100e-6,
         "Median peak of movement artefacts, whose frequencies are below the pass-band.",
         unit="V",
-        source=f"{OWN}; {VAN_BOXTEL} for the band",
+        source=f"{THIS_PACKAGE}; {VAN_BOXTEL} for the band",
         ge=0,
     )
     electrode_failure: float = parameter(

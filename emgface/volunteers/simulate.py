@@ -12,7 +12,7 @@ from emgface.errors import ConfigurationError
 from emgface.face.motion import load_kernels
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import volunteer_face
-from emgface.face.template.grid import LAYERS, make_grid
+from emgface.face.template.grid import LAYER_COUNT, make_grid
 from emgface.muscles import INSTRUCTIONS, LETTERS
 from emgface.recordings.dataset import write_recording
 from emgface.recordings.events import cut_trials
@@ -111,7 +111,7 @@ def other_resolution(resolution: str | int, factor: float) -> str | int:
     if factor == 1.0:
         return resolution
     grid = make_grid(resolution)
-    return round(factor * LAYERS * grid.rays * grid.n_rings)
+    return round(factor * LAYER_COUNT * grid.rays * grid.n_rings)
 
 
 _Place = tuple[int, str]  #: index of the volunteer, and instruction

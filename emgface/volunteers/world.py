@@ -12,7 +12,7 @@ from typing import Any, Final, Literal
 
 from pydantic import field_validator
 
-from emgface.choices import OWN, Parameters, choice, configure, parameter, positive
+from emgface.choices import THIS_PACKAGE, Parameters, choice, configure, parameter, positive
 from emgface.errors import ConfigurationError
 
 CAVANAGH = "Cavanagh and Komi 1979, Eur J Appl Physiol 42:159-163 (30 to 100 ms; 49.5 to 55.5 ms)"
@@ -110,7 +110,7 @@ class World(Parameters):
     joining: float = parameter(
         0.3,
         "Probability that a muscle that is not in the table is co-activated.",
-        source=f"{OWN}; {SCHUMANN}",
+        source=f"{THIS_PACKAGE}; {SCHUMANN}",
         ge=0,
         le=1,
     )
@@ -125,14 +125,14 @@ class World(Parameters):
     repetition_effort: float = parameter(
         0.15,
         "Standard deviation, over repetitions, of the logarithm of the effort.",
-        source=f"{OWN}; {JOHNSTON}",
+        source=f"{THIS_PACKAGE}; {JOHNSTON}",
         ge=0,
         le=1,
     )
     repetition_level: float = parameter(
         0.3,
         "Standard deviation, over repetitions, of the logarithm of the level of each muscle.",
-        source=f"{OWN}; {SPIEGEL}",
+        source=f"{THIS_PACKAGE}; {SPIEGEL}",
         note="chosen so that the peaks of two repetitions have this rank correlation; the sessions "
         "were days apart, so that repetitions within one session may vary less",
         ge=0,
@@ -141,7 +141,7 @@ class World(Parameters):
     repetition_side: float = parameter(
         0.15,
         "Standard deviation, over repetitions, of the logarithm of the ratio of left to right effort.",
-        source=f"{OWN}; {JOHNSTON}",
+        source=f"{THIS_PACKAGE}; {JOHNSTON}",
         ge=0,
         le=1,
     )
@@ -174,7 +174,7 @@ class World(Parameters):
         "range from which the value of each channel is drawn; default: noise of the "
         "amplifier only.",
         unit="dB",
-        source=f"{OWN}: typical surface EMG of facial muscles",
+        source=f"{THIS_PACKAGE}: typical surface EMG of facial muscles",
         note="defined by `emgface.volunteers.noise.signal_to_noise`",
     )
     amplitude: float = positive(
@@ -205,10 +205,10 @@ class World(Parameters):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Names of the kinds of mismatch that are switched on, in the order of `KINDS`."""
+        """Names of the kinds of mismatch that are switched on, in the order of `MISMATCHES`."""
         return tuple(
             kind
-            for kind, neutral in KINDS.items()
+            for kind, neutral in MISMATCHES.items()
             if any(getattr(self, name) != value for name, value in neutral.items())
         )
 
@@ -218,7 +218,7 @@ class World(Parameters):
         on = self.kinds
         if not on:
             return "matched world"
-        off = [kind for kind in KINDS if kind not in on]
+        off = [kind for kind in MISMATCHES if kind not in on]
         if not off:
             return "mismatched world"
         if len(off) < len(on):
@@ -227,11 +227,11 @@ class World(Parameters):
 
     def without(self, *kinds: str) -> "World":
         """Return this world with some kinds of mismatch switched off."""
-        neutral = {name: value for kind in kinds for name, value in KINDS[kind].items()}
+        neutral = {name: value for kind in kinds for name, value in MISMATCHES[kind].items()}
         return self.model_copy(update=neutral)
 
 
-KINDS: Final[dict[str, dict[str, Any]]] = {
+MISMATCHES: Final[dict[str, dict[str, Any]]] = {
     "mesh": {"elements": 1.0},
     "laws": {"volume": "study", "kappa_factor": 1.0, "fibre_law": "study"},
     "courses": {"course_shift": 0.0},
@@ -251,7 +251,7 @@ KINDS: Final[dict[str, dict[str, Any]]] = {
 }
 """Kinds of mismatch, and the values at which each is switched off."""
 
-MATCHED: Final = World().without(*KINDS)
+MATCHED: Final = World().without(*MISMATCHES)
 MISMATCHED: Final = World()
 
 
@@ -265,10 +265,10 @@ def world_of(name: str) -> World:
     if name == "mismatched":
         return MISMATCHED
     wanted = name.split("+")
-    if unknown := [kind for kind in wanted if kind not in KINDS]:
+    if unknown := [kind for kind in wanted if kind not in MISMATCHES]:
         raise ConfigurationError(
             f"the world {name!r} has the unknown part {unknown[0]!r}: expected matched, mismatched, or "
-            f"some of {', '.join(KINDS)} joined by '+'"
+            f"some of {', '.join(MISMATCHES)} joined by '+'"
         )
     return mismatched_in(wanted)
 
@@ -276,4 +276,6 @@ def world_of(name: str) -> World:
 def mismatched_in(kinds: Iterable[str]) -> World:
     """World with some kinds of mismatch, of their default sizes."""
     on = set(kinds)
-    return configure(World, MISMATCHED.without(*(k for k in KINDS if k not in on)).model_dump())
+    return configure(
+        World, MISMATCHED.without(*(k for k in MISMATCHES if k not in on)).model_dump()
+    )

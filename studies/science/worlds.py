@@ -9,7 +9,7 @@ import pandas as pd
 
 from analysis.figures.style import COLOURS, MARKS, blank, save, styled
 from benchmarks.report import markdown
-from emgface.volunteers.world import KINDS, World, mismatched_in
+from emgface.volunteers.world import MISMATCHES, World, mismatched_in
 from studies.science.setup import finished_study, opened, people, plan
 from studies.science.subset import (
     mean_interval,
@@ -209,7 +209,7 @@ def reading(levels: Mapping[str, pd.DataFrame], shift: pd.Series) -> str:
         "signal-to-noise ratio follow publications; the sizes of the other mismatches are "
         "assumptions. The effects depend on these sizes and on the instructions."
     )
-    assert set(KINDS) == {*PERSON, *RECORDING}
+    assert set(MISMATCHES) == {*PERSON, *RECORDING}
     return "\n".join(sentences) + "\n"
 
 

@@ -6,7 +6,7 @@ import xarray as xr
 from scipy.io import wavfile
 
 from benchmarks.acoustic_shapes import BENT, STRAIGHT, pipe, published_airway
-from emgface.acoustics import SMALLEST
+from emgface.acoustics import CLOSURE_AREA
 from emgface.acoustics.errors import AcousticsError
 from emgface.anatomy.airway.area_function import (
     area_function,
@@ -150,7 +150,7 @@ def test_idealised_vowels_have_the_formants_of_their_names():
 def test_rounding_lips_lower_the_formants():
     areas, forward = np.array([2e-4, 0.5e-4, 0.5e-4, 0.0]), np.array([0.0, 0.0, 0.006, 0.0])
     tract = with_lips(ideal_vowel("u"), areas, forward, np.arange(4) * 0.1)
-    assert tract["area"].values[:, -1] == pytest.approx(np.maximum(areas, SMALLEST))
+    assert tract["area"].values[:, -1] == pytest.approx(np.maximum(areas, CLOSURE_AREA))
     assert tract["length"].values == pytest.approx(0.17 + forward)
     f = with_formants(tract)["formant_frequency"].values
     assert f[0, 0] > f[1, 0] > f[2, 0] and f[0, 1] > f[1, 1] > f[2, 1]

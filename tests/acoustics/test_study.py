@@ -9,7 +9,7 @@ import xarray as xr
 from analysis.cube import build_cube
 from analysis.errors import FigureError
 from analysis.figures import formant_plot
-from analysis.formants import INSTANTS, VARIABLES, cube_with_formants, formant_table
+from analysis.formants import FORMANT_VARIABLES, INSTANTS, cube_with_formants, formant_table
 from analysis.listing import trials
 from analysis.trial import Trial
 from emgface.anatomy.airway import sound
@@ -75,7 +75,7 @@ def test_the_cube_reads_the_formants_that_a_worker_stored(closing, cube, tmp_pat
     laboratory = SimpleNamespace(store=store, study=SimpleNamespace(tract=tract))
     entry = Entry(tmp_path, 0, "ok", 3e5, False, (("motion", motion.digest, 0, 0),))
     digest = trial_formants(laboratory, (PlannedTrial(PLACE[:3], PLACE[3], None), entry, None))
-    bare = cube.drop_vars([*VARIABLES, "formant", "instant"])
+    bare = cube.drop_vars([*FORMANT_VARIABLES, "formant", "instant"])
     bare.attrs.pop("tract")
     completed = with_stored_formants(bare, laboratory, {PLACE: digest})
     xr.testing.assert_identical(completed, cube)

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.acoustic_shapes import AH, EE, TABLE, tubes
 from emgface.acoustics import (
     LOSSLESS,
-    SILENT,
+    NO_TURBULENCE,
     Flow,
     Folds,
     LineBranch,
@@ -209,7 +209,7 @@ def test_lips_close_while_the_folds_sound_and_open_again():
     times = [0.0, 0.1, 0.12, 0.2, 0.22, 0.35]
     areas = np.tile(AH[0], (6, 1))
     areas[2:4, -2:] = 0.0
-    for turbulence in (SILENT, Turbulence()):
+    for turbulence in (NO_TURBULENCE, Turbulence()):
         sound = simulate_tube(
             areas, AH[1], Folds(), times=times, duration=0.35, turbulence=turbulence
         )

@@ -16,13 +16,14 @@ from analysis.statistics.mixed_model import cell_means, fit_differences, mixed_m
 from analysis.statistics.paired import compare, fisher_z, paired
 from analysis.statistics.ranks import friedman, wilcoxon
 from analysis.statistics.sign_flip import sign_flip
-from analysis.statistics.simulated import STRATEGIES, simulated_scores
+from analysis.statistics.simulated import SIMULATED_STRATEGIES, simulated_scores
 from analysis.trajectory import names
 
 Outcome = dict[str, tuple[float, float]]
 """Per test: p of a true null hypothesis, and 1 if the interval contains the true value."""
 
-PAIR: Final = (STRATEGIES[1], STRATEGIES[0])  #: contrast whose size and coverage are counted
+#: contrast whose size and coverage are counted
+PAIR: Final = (SIMULATED_STRATEGIES[1], SIMULATED_STRATEGIES[0])
 
 
 def _sign_flip(cube: xr.Dataset, seed: int) -> Outcome:

@@ -8,7 +8,7 @@ from synthetic_trajectories import there_and_back, trajectory
 
 from analysis.align import align
 from analysis.baselines import (
-    VARIABLES,
+    BASELINE_VARIABLES,
     best_of,
     ceiling_of,
     has_baselines,
@@ -128,9 +128,9 @@ def test_means_and_best_of_predictions() -> None:
 def filled(data: xr.Dataset, **values: float) -> dict[str, xr.DataArray]:
     return {
         name: xr.DataArray(
-            np.full([data.sizes[dim] for dim in VARIABLES[name][0]], value),
-            dims=VARIABLES[name][0],
-            coords={dim: data[dim] for dim in VARIABLES[name][0]},
+            np.full([data.sizes[dim] for dim in BASELINE_VARIABLES[name][0]], value),
+            dims=BASELINE_VARIABLES[name][0],
+            coords={dim: data[dim] for dim in BASELINE_VARIABLES[name][0]},
         )
         for name, value in values.items()
     }
@@ -144,7 +144,7 @@ def test_a_cube_with_baselines_keeps_its_scores_and_gives_the_reason_of_missing_
     added["ceiling"][0, 1, 0] = 0.4
     extended = with_baselines(data, added)
     xr.testing.assert_identical(extended[list(data.data_vars)], data)
-    assert {*extended.data_vars} == {*data.data_vars, *VARIABLES, "skill_reason"}
+    assert {*extended.data_vars} == {*data.data_vars, *BASELINE_VARIABLES, "skill_reason"}
     why = extended["skill_reason"]
     assert set(why.values[0, 0, 0]) == {"no other volunteer"}
     assert why.values[0, 0, 1].tolist() == ["no other repetition"] * 3

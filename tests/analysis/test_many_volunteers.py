@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import wilcoxon as scipy_wilcoxon
 
 from analysis.statistics import ranks
-from analysis.statistics.crossed import NOTHING, fit_crossed
+from analysis.statistics.crossed import ZERO_SD, fit_crossed
 from analysis.statistics.leave_one_out import leave_one_volunteer_out
 from analysis.statistics.paired import compare
 from analysis.statistics.sign_flip import sign_flip, sign_flip_p, sign_patterns
@@ -37,7 +37,7 @@ def test_the_reduced_equations_are_those_of_dense_matrices(seed: int, swapped: b
     np.testing.assert_allclose(fit.beta, C @ X.T @ W @ y, rtol=1e-9)
     np.testing.assert_allclose(fit.covariance, C, rtol=1e-9)
     np.testing.assert_allclose(fit.residuals, residual * P @ y, rtol=1e-8, atol=1e-10)
-    used = [terms[name] for name in names if fit.variances[name] > NOTHING**2 * residual]
+    used = [terms[name] for name in names if fit.variances[name] > ZERO_SD**2 * residual]
     used.append(np.eye(v.size))
     information = np.array([[0.5 * np.trace(P @ a @ P @ b) for b in used] for a in used])
     slopes = np.array([C @ X.T @ W @ term @ W @ X @ C for term in used])
@@ -72,7 +72,7 @@ def test_signed_ranks_of_many_tend_to_those_of_few(monkeypatch: pytest.MonkeyPat
     values = np.random.default_rng(5).normal(0.12, 1.0, 150)
     values[40:60] = np.round(values[40:60], 1)
     exact_p, exact = ranks.wilcoxon_p(values), ranks.hodges_lehmann(values, 0.95)
-    monkeypatch.setattr(ranks, "MOST_EXACT", 100)
+    monkeypatch.setattr(ranks, "MOST_EXACT_RANKS", 100)
     limit_p, limit = ranks.wilcoxon_p(values), ranks.hodges_lehmann(values, 0.95)
     assert limit_p[0] == exact_p[0]
     assert limit_p[1] == pytest.approx(exact_p[1], abs=2e-3)

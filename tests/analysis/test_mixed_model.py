@@ -11,7 +11,7 @@ from synthetic_scores import fail
 
 from analysis.errors import StatisticsError
 from analysis.statistics.crossed import fit_crossed
-from analysis.statistics.mixed_model import RANDOM, fit_differences, mixed_model
+from analysis.statistics.mixed_model import RANDOM_EFFECTS, fit_differences, mixed_model
 from analysis.statistics.paired import compare, paired
 from analysis.statistics.simulated import simulated_scores
 from tests.analysis.shares import calibration, interval_coverage
@@ -191,10 +191,10 @@ def test_incomplete_data_agree_with_statsmodels() -> None:
     y = table[v, i]
     designs = [np.eye(n)[x] for n, x in zip(table.shape, (v, i), strict=True)]
     names = [[[str(k) for k in range(d.shape[1])]] for d in designs]
-    spec = VCSpec(list(RANDOM), names, [[d] for d in designs])
+    spec = VCSpec(list(RANDOM_EFFECTS), names, [[d] for d in designs])
     X, groups = np.ones((len(y), 1)), np.ones(len(y))
     peer = MixedLM(y, X, groups=groups, exog_vc=spec).fit(method="powell", ftol=1e-12)
-    fit = fit_crossed(y, X, dict(zip(RANDOM, (v, i), strict=True)))
+    fit = fit_crossed(y, X, dict(zip(RANDOM_EFFECTS, (v, i), strict=True)))
     np.testing.assert_allclose(fit.beta, peer.fe_params, rtol=1e-5)
     np.testing.assert_allclose(list(fit.variances.values())[:2], peer.vcomp, rtol=2e-3)
     np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), np.asarray(peer.bse_fe), rtol=1e-3)

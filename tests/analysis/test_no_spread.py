@@ -8,7 +8,7 @@ import xarray as xr
 
 from analysis.alignment_tables import alignment_tables
 from analysis.baseline_tables import baseline_instruction_table
-from analysis.baselines import NO_ROOM, SKILL_REASONS, VARIABLES, with_baselines
+from analysis.baselines import BASELINE_VARIABLES, NO_ROOM, SKILL_REASONS, with_baselines
 from analysis.sensitivity import sensitivity
 from analysis.statistics.bootstrap import hierarchical_bootstrap
 from analysis.statistics.equivalence import equivalence
@@ -71,7 +71,7 @@ def test_the_table_counts_the_trials_without_room_for_skill() -> None:
             np.full([cube.sizes[dim] for dim in dims], 0.95 if name == "template_rho" else 0.9),
             dims=dims, coords={dim: cube[dim] for dim in dims},
         )
-        for name, (dims, _, _) in VARIABLES.items() if name in ("template_rho", "ceiling")
+        for name, (dims, _, _) in BASELINE_VARIABLES.items() if name in ("template_rho", "ceiling")
     }  # fmt: skip
     made["template_volunteers"] = made["ceiling"].isel(repetition=0, marker=0, drop=True) * 0 + 5
     extended = with_baselines(cube, made)

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from analysis.baseline_tables import baseline_instruction_table, comparison, individual_table
-from analysis.baselines import VARIABLES, unlimited_template, with_baselines
+from analysis.baselines import BASELINE_VARIABLES, unlimited_template, with_baselines
 from analysis.errors import FigureError, StatisticsError
 from analysis.figures import baseline_plot
 from analysis.figures.style import title_of
@@ -32,11 +32,12 @@ def study(
     values = LEVELS | {"template_volunteers": max(volunteers - 1.0, 1.0)} | levels
     made = {
         name: xr.DataArray(
-            np.full([base.sizes[dim] for dim in VARIABLES[name][0]], value),
-            dims=VARIABLES[name][0], coords={dim: base[dim] for dim in VARIABLES[name][0]},
+            np.full([base.sizes[dim] for dim in BASELINE_VARIABLES[name][0]], value),
+            dims=BASELINE_VARIABLES[name][0],
+            coords={dim: base[dim] for dim in BASELINE_VARIABLES[name][0]},
         )
         for name, value in values.items()
-    }  # fmt: skip
+    }
     return with_baselines(base, made)
 
 

@@ -12,7 +12,7 @@ from synthetic_scores import fail, of_rho
 from analysis.cube import build_cube
 from analysis.statistics.bootstrap import hierarchical_bootstrap
 from analysis.statistics.equivalence import equivalence
-from analysis.statistics.finding import COUNTS, holm
+from analysis.statistics.finding import FINDING_COUNTS, holm
 from analysis.statistics.leave_one_out import leave_one_volunteer_out
 from analysis.statistics.mixed_model import mixed_model
 from analysis.statistics.paired import compare
@@ -80,7 +80,9 @@ def test_every_method_gives_a_result_for_every_cube(name: str, case: str) -> Non
     low, high = tested["interval"].transpose("bound", "contrast").values
     known = np.isfinite(low) & np.isfinite(high)
     assert (low[known] <= high[known]).all()
-    total = sum(int(tested[count].isel(contrast=0)) for count in COUNTS if count != "clipped")
+    total = sum(
+        int(tested[count].isel(contrast=0)) for count in FINDING_COUNTS if count != "clipped"
+    )
     assert total == cube["rho"].size // cube.sizes["strategy"]
     if case in ("one volunteer", "all failed", "all failed, no markers"):
         assert np.isnan(tested["p"]).all()

@@ -13,7 +13,7 @@ import xarray as xr
 
 import analysis
 from analysis.axes import combine_cubes
-from analysis.baselines import VARIABLES, with_baselines
+from analysis.baselines import BASELINE_VARIABLES, with_baselines
 from analysis.cube import OF_INCISOR, PER_TRIAL, TRIAL_DIMS
 from analysis.figures.style import encoded_figure
 from analysis.statistics.simulated import simulated_scores
@@ -59,7 +59,7 @@ def cube(values: np.random.Generator) -> xr.Dataset:
             {dim: made[dim] for dim in dims},
             dims,
         )
-        for name, (dims, _, _) in VARIABLES.items()
+        for name, (dims, _, _) in BASELINE_VARIABLES.items()
         if name != "skill"
     }
     return with_baselines(made, variables)
@@ -71,7 +71,7 @@ def excluded(made: xr.Dataset, *, blank: bool) -> xr.Dataset:
     status[1, 0, 0, :], status[2, 1, :, 1], status[0, 0, 1, 2] = "excluded", "failed:X", "missing"
     made = made.assign(status=status)
     if blank:
-        for name in ("rho", "amplitude_ratio", "rmse", *OF_INCISOR, *VARIABLES):
+        for name in ("rho", "amplitude_ratio", "rmse", *OF_INCISOR, *BASELINE_VARIABLES):
             if set(TRIAL_DIMS) <= set(made[name].dims):
                 made[name] = made[name].where(status == "ok")
     return made

@@ -70,9 +70,9 @@ def test_a_prediction_without_emg_gains_nothing_over_the_limit(volunteers):
 def test_the_sentence_states_what_no_common_motion_reaches():
     import xarray as xr
 
-    from analysis.statistics.skill import GAINS, LEVELS
+    from analysis.statistics.skill import CORRELATIONS, GAINS
 
-    values = dict.fromkeys(LEVELS, 0.5) | {
+    values = dict.fromkeys(CORRELATIONS, 0.5) | {
         "template_rho": 0.76,
         "template_limit": float(unlimited_template(0.76, 5)),
         "ceiling": 0.99,

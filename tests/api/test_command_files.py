@@ -10,7 +10,7 @@ import typer
 from typer.testing import CliRunner
 
 from emgface.cli import app
-from emgface.cli.written import WRITTEN
+from emgface.cli.written import WRITTEN_OPTIONS
 from emgface.errors import DataError
 from emgface.files import new_files
 from emgface.schema.netcdf import write_netcdf
@@ -36,15 +36,15 @@ def paths():
 
 def pairs():
     for command, callback, names in paths():
-        for out in (name for name in names if name in WRITTEN):
-            for source in (name for name in names if name not in WRITTEN):
+        for out in (name for name in names if name in WRITTEN_OPTIONS):
+            for source in (name for name in names if name not in WRITTEN_OPTIONS):
                 yield pytest.param(callback, out, source, id=f"{command} {out} {source}")
 
 
 def test_every_path_of_a_command_is_known_as_read_or_written():
     names_of_paths = {name for _, _, names in paths() for name in names}
-    assert names_of_paths == READ | set(WRITTEN)
-    assert not READ & set(WRITTEN)
+    assert names_of_paths == READ | set(WRITTEN_OPTIONS)
+    assert not READ & set(WRITTEN_OPTIONS)
 
 
 @pytest.mark.parametrize(("callback", "out", "source"), list(pairs()))
@@ -111,7 +111,7 @@ DATA = {
         pytest.param(callback, name, id=f"{command} {name}")
         for command, callback, names in paths()
         for name in names
-        if name in WRITTEN and name not in DATA
+        if name in WRITTEN_OPTIONS and name not in DATA
     ],
 )
 def test_a_table_or_page_is_not_written_under_the_suffix_of_data(callback, out, tmp_path):

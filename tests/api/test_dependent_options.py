@@ -11,9 +11,9 @@ import xarray as xr
 import emgface as ef
 from emgface.cli import app
 from emgface.cli.dependent import DEPENDENT, key_of, refuse_without_effect
-from emgface.cli.written import WRITTEN
+from emgface.cli.written import WRITTEN_OPTIONS
 from emgface.errors import ConfigurationError
-from emgface.models.kinds import KINDS, Drive, Person
+from emgface.models.kinds import MODEL_KINDS, Drive, Person
 from tests.api.test_command_numbers import commands
 
 COMMANDS = {key_of(callback): callback for _, callback in commands(app)}
@@ -92,7 +92,7 @@ def test_an_option_without_effect_is_refused_and_one_with_effect_is_not(
     assert name in inspect.signature(callback).parameters
     defaults = defaults_of(callback)
     absent = dict.fromkeys(inspect.signature(callback).parameters, Path("absent.nc"))
-    for output in WRITTEN.keys() & absent.keys():
+    for output in WRITTEN_OPTIONS.keys() & absent.keys():
         absent[output] = Path(f"{output}.csv")
     given = absent | defaults
     idle = WITHOUT.get(one.needs, {})
@@ -114,13 +114,13 @@ def test_options_of_a_recording_are_refused_for_what_is_none(kind, name):
     drive = Drive("rest", None, None, None, {}, {name: "x"})
     option = "--clip" if name == "normalisation" else f"--{name}"
     with pytest.raises(ConfigurationError, match=f"{option} cannot be applied"):
-        KINDS[kind].functions.move(None, drive, lambda done, total: None)
+        MODEL_KINDS[kind].functions.move(None, drive, lambda done, total: None)
 
 
 @pytest.mark.parametrize("contacts", [(), ("lip-lip",)])
 def test_a_face_has_no_contacts_of_a_head(contacts):
     with pytest.raises(ConfigurationError, match="has no contacts"):
-        KINDS["face"].build(Person(contacts=contacts))
+        MODEL_KINDS["face"].build(Person(contacts=contacts))
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from emgface.anatomy.checked import CHECKS
 from emgface.anatomy.head.build import build_head
 from emgface.cli import app
 from emgface.errors import DataError
-from emgface.models.kinds import KINDS
+from emgface.models.kinds import MODEL_KINDS
 
 TURNS = {
     "LPS": Rotation.from_euler("z", 180, degrees=True).as_matrix(),
@@ -20,7 +20,7 @@ TURNS = {
     "on its side": Rotation.from_euler("y", 90, degrees=True).as_matrix(),
     "mirrored": np.diag([-1.0, 1.0, 1.0]),
 }
-MODELS = {kind.model: name for name, kind in KINDS.items() if kind.model in CHECKS}
+MODELS = {kind.model: name for name, kind in MODEL_KINDS.items() if kind.model in CHECKS}
 
 
 @pytest.fixture(scope="module")

@@ -13,13 +13,13 @@ from packaging.version import Version
 from typer.testing import CliRunner, Result
 
 from emgface.choices import configure
-from emgface.cli import LISTED, app
+from emgface.cli import LISTED_COMMANDS, app
 from emgface.cli.aliases import ALIASES, table, translated
 from emgface.deprecation import FORMER
 from emgface.errors import ConfigurationError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.models.face import parameters_of
-from emgface.models.kinds import KINDS, Functions, Person, chosen, names_file, parsed
+from emgface.models.kinds import MODEL_KINDS, Functions, Person, chosen, names_file, parsed
 
 ROOT = Path(__file__).resolve().parents[2]
 METHODS = [name for name in vars(Functions) if not name.startswith("_")]
@@ -29,7 +29,7 @@ def run(*words: object) -> Result:
     return CliRunner().invoke(app, [str(word) for word in words])
 
 
-@pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", MODEL_KINDS.values(), ids=lambda kind: kind.name)
 def test_every_kind_has_every_function_of_the_contract(kind) -> None:
     assert len(METHODS) >= 10
     for name in METHODS:
@@ -47,7 +47,7 @@ MOVED = {
 BUILT = {"head": ("--parts", "jaw,hyoid"), "jaw": ()}
 
 
-@pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", MODEL_KINDS.values(), ids=lambda kind: kind.name)
 def test_every_kind_is_built_checked_moved_and_shown_by_the_same_commands(kind, tmp_path) -> None:
     model, motion = tmp_path / "model.nc", tmp_path / "motion.nc"
     size = BUILT.get(kind.name, ("--resolution", "coarse"))
@@ -136,7 +136,7 @@ def test_an_unknown_kind_is_named(words: str) -> None:
 def test_help_fits_a_screen_and_lists_every_command_once() -> None:
     text = run("--help").output
     assert len(text.splitlines()) <= 24 and max(map(len, text.splitlines())) <= 80
-    named = [verb for verbs in LISTED.values() for verb, *_ in verbs]
+    named = [verb for verbs in LISTED_COMMANDS.values() for verb, *_ in verbs]
     whole = typer.main.get_command(app)
     assert sorted(named) == sorted(whole.commands)  # pyright: ignore[reportAttributeAccessIssue]
     assert len(set(named)) == len(named) <= 30
@@ -224,7 +224,7 @@ def test_files_are_distinguished_from_exciters(tmp_path: Path) -> None:
 
 def test_a_person_has_only_the_options_of_its_kind() -> None:
     with pytest.raises(ConfigurationError, match="a jaw has no"):
-        KINDS["jaw"].build(Person(resolution="fine"))
+        MODEL_KINDS["jaw"].build(Person(resolution="fine"))
 
 
 def examples() -> list[str]:
@@ -236,7 +236,7 @@ def examples() -> list[str]:
 
 
 def test_every_command_has_an_example() -> None:
-    named = {verb for verbs in LISTED.values() for verb, *_ in verbs}
+    named = {verb for verbs in LISTED_COMMANDS.values() for verb, *_ in verbs}
     assert {shlex.split(line)[1] for line in examples()} == named
     page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     assert table() in page

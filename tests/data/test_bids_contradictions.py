@@ -13,7 +13,7 @@ import emgface.files
 from emgface.errors import DataError
 from emgface.recordings.bids import bids_problems, write_bids
 from emgface.recordings.bids.names import faults
-from emgface.recordings.bids.sidecars import ROWS, read_tsv
+from emgface.recordings.bids.sidecars import IDENTIFYING_COLUMNS, read_tsv
 from emgface.recordings.bids.tables import complete_table
 from emgface.recordings.dataset import read_recording
 from emgface.recordings.findings import findings_in
@@ -141,15 +141,18 @@ def test_rates_of_the_table_are_numbers(trial: xr.Dataset, tmp_path: Path) -> No
             read_recording(emg)
 
 
-@pytest.mark.parametrize("ending", ROWS)
+@pytest.mark.parametrize("ending", IDENTIFYING_COLUMNS)
 def test_rows_and_columns_of_a_table_have_different_names(tmp_path: Path, ending: str) -> None:
     path = tmp_path / f"sub-V01_{ending}"
-    path.write_text(f"name\t{ROWS[ending]}\n".replace("name\tname", "name\ttype") + "a\tA\na2\tB\n")
+    path.write_text(
+        f"name\t{IDENTIFYING_COLUMNS[ending]}\n".replace("name\tname", "name\ttype")
+        + "a\tA\na2\tB\n"
+    )
     assert len(read_tsv(path)) == 2
-    path.write_text(f"{ROWS[ending]}\tx\na\t1\nb\t2\na\t3\n")
+    path.write_text(f"{IDENTIFYING_COLUMNS[ending]}\tx\na\t1\nb\t2\na\t3\n")
     with pytest.raises(DataError, match=r"two rows 'a' \(1 and 3\)"):
         read_tsv(path)
-    path.write_text(f"{ROWS[ending]}\tunits\tunits\na\tV\tmV\n")
+    path.write_text(f"{IDENTIFYING_COLUMNS[ending]}\tunits\tunits\na\tV\tmV\n")
     with pytest.raises(DataError, match=r"two columns 'units' \(2 and 3\)"):
         read_tsv(path)
 
@@ -174,7 +177,7 @@ def test_a_channel_that_is_listed_twice_is_refused(trial: xr.Dataset, tmp_path: 
         read_recording(emg)
 
 
-@pytest.mark.parametrize("ending", ROWS)
+@pytest.mark.parametrize("ending", IDENTIFYING_COLUMNS)
 def test_the_check_of_a_dataset_names_what_is_listed_twice(
     trial: xr.Dataset, tmp_path: Path, ending: str
 ) -> None:

@@ -14,7 +14,7 @@ from emgface.errors import EmgfaceError
 from emgface.recordings.check import check_recording
 from emgface.recordings.dataset import read_recording
 from emgface.recordings.findings import findings_in
-from emgface.recordings.readers._declared import RATES
+from emgface.recordings.readers._declared import RATE_NAMES
 
 RNG = np.random.default_rng(4)
 EMG = RNG.normal(0.0, 0.05, (3, 4000))
@@ -111,7 +111,7 @@ STATED: list[tuple[Callable[..., None], str, str]] = [
 @pytest.mark.parametrize(
     ("save", "name", "variable"), STATED, ids=lambda x: getattr(x, "__name__", None)
 )
-@pytest.mark.parametrize("word", sorted(RATES))
+@pytest.mark.parametrize("word", sorted(RATE_NAMES))
 def test_a_rate_next_to_an_array_is_compared(tmp_path, save, name, variable, word):
     path = tmp_path / "a.toml"
     for stated, expected in ((1000.0, [("rate", "")]), (2000.0, []), (2.0, [])):

@@ -10,7 +10,7 @@ import emgface as ef
 from emgface.recordings.bids.names import other_task
 from emgface.recordings.check import check_recording, findings_of
 from emgface.recordings.finding_codes import CODES
-from emgface.recordings.findings import KINDS, Finding, with_findings
+from emgface.recordings.findings import FINDING_KINDS, Finding, with_findings
 from emgface.texts import json_in
 from tests.data.made_recordings import noise, recording
 
@@ -30,7 +30,7 @@ def _values(code: str) -> dict[str, float | str]:
 @pytest.mark.parametrize("channels", [4, 0])
 def test_every_code_at_every_place_reaches_the_table(channels: int) -> None:
     """Also on a channel that the recording lacks, and on a recording without any channel."""
-    assert set(PLACES) == set(KINDS)
+    assert set(PLACES) == set(FINDING_KINDS)
     for kind, names in PLACES.items():
         for name in names:
             further = {"unit": "C", "type": "TEMP"}  # of signals that were left out

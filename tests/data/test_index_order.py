@@ -9,7 +9,7 @@ import xarray as xr
 from emgface.errors import SchemaError
 from emgface.run.digest import dataset_digest
 from emgface.schema.netcdf import read_netcdf, write_netcdf
-from emgface.schema.rules import ORDER
+from emgface.schema.rules import INDEX_ORDER
 from emgface.schema.validation import declaration, kinds, validate
 
 Make = Callable[[str], xr.Dataset]
@@ -44,7 +44,7 @@ def test_names_in_another_order_are_refused(
     made = validate(valid(kind), kind)
     if name not in made or dim not in made.coords:
         pytest.skip(f"the example of {kind} has no {name}")
-    assert ORDER in made[name].attrs
+    assert INDEX_ORDER in made[name].attrs
     xr.testing.assert_identical(validate(made, kind), made)
     if made.sizes[dim] < 2:
         other = made.assign_coords({dim: [f"{made[dim].values[0]}x"]})
@@ -59,7 +59,9 @@ def test_names_in_another_order_are_refused(
         ):
             validate(changed, kind)
     for array in other.variables.values():
-        array.attrs.pop(ORDER, None)  # an older file, or names and numbers that were both changed
+        array.attrs.pop(
+            INDEX_ORDER, None
+        )  # an older file, or names and numbers that were both changed
     try:
         validate(other, kind)
     except SchemaError as error:
@@ -70,9 +72,9 @@ def test_the_order_changes_no_digest(coarse: xr.Dataset, tmp_path) -> None:
     """A face read from a file of an earlier version has the digest that its reduced face states."""
     earlier = coarse.copy(deep=True)
     for variable in earlier.variables.values():
-        variable.attrs.pop(ORDER, None)
+        variable.attrs.pop(INDEX_ORDER, None)
     path = tmp_path / "face.nc"
     earlier.to_netcdf(path)
     read = read_netcdf(path, "face_model")
-    assert any(ORDER in variable.attrs for variable in read.variables.values())
+    assert any(INDEX_ORDER in variable.attrs for variable in read.variables.values())
     assert dataset_digest(read) == dataset_digest(xr.load_dataset(path))

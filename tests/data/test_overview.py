@@ -5,7 +5,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from emgface.recordings.check import check_recording
-from emgface.recordings.quality.figure import COLOURS, overview_figure
+from emgface.recordings.quality.figure import VERDICT_COLOURS, overview_figure
 from tests.data.made_recordings import MARKERS, face, noise, recording
 
 
@@ -38,8 +38,14 @@ def test_the_page_names_trial_rows_and_findings() -> None:
     assert texts(figure)[0] == "V03 D 2 (SIMULATED): 27 ok, 1 warning, 2 error"
     label_names = labels(figure)
     assert set(MARKERS) <= set(label_names) and len(label_names) >= 30
-    assert (label_names["ZYG_L"], label_names["nasion"]) == (COLOURS["error"], COLOURS["error"])
-    assert (label_names["DAO_L"], label_names["MEN_L"]) == (COLOURS["warning"], COLOURS["ok"])
+    assert (label_names["ZYG_L"], label_names["nasion"]) == (
+        VERDICT_COLOURS["error"],
+        VERDICT_COLOURS["error"],
+    )
+    assert (label_names["DAO_L"], label_names["MEN_L"]) == (
+        VERDICT_COLOURS["warning"],
+        VERDICT_COLOURS["ok"],
+    )
     words = " ".join(texts(figure))
     for part in (
         "error: channel ZYG_L: constant",

@@ -15,7 +15,7 @@ from emgface.recordings.labels import read_label_map
 from emgface.recordings.places import with_places
 from emgface.recordings.proposal import mapping_text, missing_names, propose_mapping
 from emgface.recordings.quality.markers import LAYOUT
-from emgface.recordings.words import MUSCLES
+from emgface.recordings.words import MUSCLE_WORDS
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def test_a_marker_is_proposed(label: str, name: str) -> None:
 
 
 def test_all_names_of_the_study_are_proposed_from_themselves_and_from_their_words() -> None:
-    assert tuple(MUSCLES) == MEASURED
+    assert tuple(MUSCLE_WORDS) == MEASURED
     assert propose_mapping(CHANNELS)["name"].to_list() == list(CHANNELS)
     markers = FACE_MARKERS + LIP_MARKERS
     assert propose_mapping(markers, "marker")["name"].to_list() == list(markers)

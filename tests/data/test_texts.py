@@ -15,7 +15,7 @@ from emgface.recordings.dataset import read_recording
 from emgface.recordings.exclusions import read_exclusions
 from emgface.recordings.labels import read_label_map
 from emgface.study.file import load_study, study_template
-from emgface.texts import DEEPEST, EXPANDED, labelled, read_text, read_toml
+from emgface.texts import DEEPEST_TABLES, EXPANDED, labelled, read_text, read_toml
 from tests.data.test_mutations import FORMATS
 
 TEXTS = ("trc", "bids motion", "bids json", "bids channels", "csv", "toml", "brainvision header",
@@ -62,7 +62,7 @@ def test_settings_are_read_whatever_encoding_they_were_saved_in(saved: str, tmp_
     [
         ("x = " + "[" * 3000 + "]" * 3000, "not valid TOML"),
         (".".join("a" * 5000) + " = 1", "deep"),
-        ("[" + ".".join("a" * (DEEPEST + 2)) + "]\nx = 1", "deep"),
+        ("[" + ".".join("a" * (DEEPEST_TABLES + 2)) + "]\nx = 1", "deep"),
         ("x = " + "9" * 10000, "not valid TOML"),
         ("# " + "x" * (9 << 20), "MiB"),
         ("name = 'Mündung'", "not valid TOML"),

@@ -12,9 +12,9 @@ from emgface.face.event_error import (
     BY_ASSUMPTION,
     BY_REPETITION,
     BY_STEPS,
+    CONTACT_FORCE,
     ERRORS,
-    FACTOR,
-    FORCE,
+    ESTIMATE_FACTOR,
     TOUCHING,
     ContactForce,
     contact_share,
@@ -49,7 +49,7 @@ def motion_of(force, moved=0.0):
     position = np.zeros((2, 3, 4))
     position[1, 1, 2] = moved
     return xr.Dataset(
-        {"position": (("marker", "axis", "time"), position), FORCE: ("time", force)},
+        {"position": (("marker", "axis", "time"), position), CONTACT_FORCE: ("time", force)},
         coords={"time": 0.01 * np.arange(4.0)},
         attrs={"run_time_s": 2.0},
     )
@@ -63,14 +63,14 @@ def test_errors_of_the_steps_accumulate_and_do_not_fall():
     motion = motion.assign(dict(zip(ERRORS, (lasting, passing), strict=True)))
     event, attributes = event_error(motion, None, 0.02)
     kept = 3e-5 * (1.0 + np.exp(-0.5))
-    np.testing.assert_allclose(event / FACTOR, [0.0, 3e-5, *2 * [np.hypot(kept, 4e-5)]])
+    np.testing.assert_allclose(event / ESTIMATE_FACTOR, [0.0, 3e-5, *2 * [np.hypot(kept, 4e-5)]])
     assert attributes == {"event_error": float(event.max()), "event_error_measured": BY_STEPS}
     unknown = motion.assign({ERRORS[0]: lasting.where(lasting["time"] < 0.02)})
     assert event_error(unknown, None, 0.02)[1]["event_error_measured"] == BY_ASSUMPTION
 
 
 def test_an_error_is_assumed_from_the_first_contact():
-    for without in (motion_of([0.0] * 4), motion_of([0.0] * 4).drop_vars(FORCE)):
+    for without in (motion_of([0.0] * 4), motion_of([0.0] * 4).drop_vars(CONTACT_FORCE)):
         event, attributes = event_error(without, None)
         assert not event.any() and attributes == {}
     far = motion_of([0.0, 0.2, 0.0, 0.0], moved=0.1)
@@ -95,12 +95,12 @@ def test_a_contact_between_two_outputs_counts():
         system, resting(0), duration=0.06, every=0.03, initial=fast, steps=FixedStep(1e-3),
         integrator=LinearlyImplicitTrapezoidal(), probes=(ContactForce(), Positions()),
     )  # fmt: skip
-    assert (simulated[FORCE] == 0.0).all() and (
+    assert (simulated[CONTACT_FORCE] == 0.0).all() and (
         simulated["node_position"].sel(axis="z") > -1e-3
     ).all()
     assert float(simulated[TOUCHING].max()) >= 1.0
     far = (simulated["node_position"] * 0.0 + simulated["time"]).rename(node="marker")
-    error, attributes = event_error(simulated[[FORCE, TOUCHING]].assign(position=far), None)
+    error, attributes = event_error(simulated[[CONTACT_FORCE, TOUCHING]].assign(position=far), None)
     assert float(error.max()) == ASSUMED and attributes["event_error_measured"] == 0
 
 
@@ -169,7 +169,7 @@ def test_the_estimated_error_of_a_motion_with_contact_contains_its_events(coarse
     assert 1e-8 < checked.attrs["event_error"] < ASSUMED
     assert checked.attrs["numerical_error"] > checked.attrs["event_error"]
     assert "twice the distance from the repetition" in contact_share(checked)
-    assert FORCE not in checked
+    assert CONTACT_FORCE not in checked
 
 
 @pytest.mark.parametrize("solver", sorted(INTEGRATORS))

@@ -9,7 +9,7 @@ import xarray as xr
 
 import emgface as ef
 from emgface.errors import EmgfaceError, FaceError, FeatureWarning
-from emgface.face.identity import DIGEST, NAME
+from emgface.face.identity import DIGEST, FACE_ATTRIBUTE
 from emgface.inverse.calibration import over_session
 from emgface.muscles import LIP_MARKERS
 from emgface.recordings.findings import findings_in
@@ -104,10 +104,12 @@ def meet(name, drive, trial, motion, face, settled, made):
     if name == ("show", "compare"):
         return ef.show(motion, compare=made)
     if name == ("simulate", "activation"):
-        inverted = drive.assign_attrs({NAME: motion.attrs[NAME], DIGEST: motion.attrs[DIGEST]})
+        inverted = drive.assign_attrs(
+            {FACE_ATTRIBUTE: motion.attrs[FACE_ATTRIBUTE], DIGEST: motion.attrs[DIGEST]}
+        )
         return ef.simulate(inverted, face, **CHOICES)
     if name == ("invert", "calibration"):
-        about = {NAME: motion.attrs[NAME], DIGEST: motion.attrs[DIGEST]}
+        about = {FACE_ATTRIBUTE: motion.attrs[FACE_ATTRIBUTE], DIGEST: motion.attrs[DIGEST]}
         about["range_parameters"] = feature_range([trial], over_session(SignalChain())).attrs[
             "parameters"
         ]
@@ -124,7 +126,7 @@ def test_a_result_of_another_face_is_found_and_of_the_same_is_not(
 ):
     settled = xr.Dataset(
         {"node_position": coarse["position"]},
-        attrs={NAME: motions[0].attrs[NAME], DIGEST: motions[0].attrs[DIGEST]},
+        attrs={FACE_ATTRIBUTE: motions[0].attrs[FACE_ATTRIBUTE], DIGEST: motions[0].attrs[DIGEST]},
     )
     same = codes_of(lambda: meet(name, drive, trial, motions[0], coarse, settled, motions[0]))[0]
     assert not same
@@ -151,9 +153,9 @@ def test_files_of_earlier_versions_are_said_not_refused(coarse, trial, motions):
     del early.attrs[DIGEST]
     codes, scores = codes_of(lambda: ef.score(trial, early, face=coarse))
     assert codes == {"face_unknown"} and np.isfinite(scores["shift"])
-    early.attrs[NAME] = "another"
+    early.attrs[FACE_ATTRIBUTE] = "another"
     assert codes_of(lambda: ef.score(trial, early, face=coarse))[0] == {"other_face"}
-    del early.attrs[NAME]
+    del early.attrs[FACE_ATTRIBUTE]
     assert codes_of(lambda: ef.score(trial, early, face=coarse))[0] == {"face_unknown"}
 
 

@@ -8,7 +8,7 @@ import xarray as xr
 
 import emgface as ef
 import sim
-from emgface.face.muscle_force import FORCE, MuscleForces, fibre_lengths
+from emgface.face.muscle_force import MUSCLE_FORCE, MuscleForces, fibre_lengths
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.pictures.surface import without_surface
@@ -135,7 +135,7 @@ def test_a_motion_with_a_surface_contains_its_forces(coarse, tmp_path):
     )  # fmt: skip
     moved = ef.simulate(drive, coarse, accuracy="draft", surface=True, probes=(sim.Positions(),),
                         sigma_max=80e3, progress=False)  # fmt: skip
-    forces = moved[FORCE].transpose("time", "muscle").values
+    forces = moved[MUSCLE_FORCE].transpose("time", "muscle").values
     used = SimulationParameters(accuracy="draft", sigma_max=80e3)
     q = moved["node_position"].transpose("time", "node", "axis").values
     at = np.linspace(0.0, 1.0, len(q))[:, None] * levels[:, 1]
@@ -146,10 +146,10 @@ def test_a_motion_with_a_surface_contains_its_forces(coarse, tmp_path):
     assert (moved["contact_force"].values >= 0.0).all()
     write_netcdf(moved.drop_vars("node_position"), tmp_path / "m.nc", "trajectory")
     again = read_netcdf(tmp_path / "m.nc", "trajectory")
-    np.testing.assert_array_equal(again[FORCE].values, moved[FORCE].values)
-    assert not {FORCE, "contact_force", "surface_position", "muscle"} & set(
+    np.testing.assert_array_equal(again[MUSCLE_FORCE].values, moved[MUSCLE_FORCE].values)
+    assert not {MUSCLE_FORCE, "contact_force", "surface_position", "muscle"} & set(
         without_surface(again).variables
     )
     plain = ef.simulate(drive, coarse, accuracy="draft", sigma_max=80e3, progress=False)
-    assert FORCE not in plain and "contact_force" not in plain
+    assert MUSCLE_FORCE not in plain and "contact_force" not in plain
     np.testing.assert_array_equal(plain["position"].values, moved["position"].values)

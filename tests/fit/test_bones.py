@@ -133,9 +133,9 @@ def test_a_squeezed_body_has_the_inertia_of_its_surface(jaw):
 
 def test_a_fitted_jaw_runs(fitted):
     from emgface.anatomy.jaw.run import run_task
-    from emgface.anatomy.jaw.tasks import TASKS
+    from emgface.anatomy.jaw.tasks import JAW_TASKS
 
-    motion = run_task(fitted.jaw, TASKS["open"])
+    motion = run_task(fitted.jaw, JAW_TASKS["open"])
     assert np.isfinite(motion["body_position"].values).all()
 
 

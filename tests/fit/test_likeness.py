@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.fit_inputs import person_of
 from emgface.face.template import template_face, volunteer_face
-from emgface.fit.family import SPREAD, Family
+from emgface.fit.family import MEASURE_SPREADS, Family
 from emgface.fit.inputs import pair_points, points_of_face
 from emgface.fit.likeness import nearer_face
 from emgface.fit.person import fit_face
@@ -73,7 +73,7 @@ def test_a_face_with_other_muscles_keeps_them():
     family = Family.from_face(face)
     assert family is not None
     values = family.start.copy()
-    values[list(SPREAD).index("mouth_width")] += 2e-3
+    values[list(MEASURE_SPREADS).index("mouth_width")] += 2e-3
     member = family.member(values)
     np.testing.assert_array_equal(member["bundle_index"], face["bundle_index"])
     np.testing.assert_array_equal(member["bundle_weight"], face["bundle_weight"])
@@ -97,7 +97,7 @@ def test_tips_do_not_depend_on_the_mesh(name):
 def test_landmarks_of_a_fine_face_bring_a_coarse_one_nearer():
     """The measures that landmarks determine, such as the height of the upper lip, have no bias."""
     generic = template_face(resolution="coarse")
-    spread, deviations = SPREAD["upper_lip_height"], []
+    spread, deviations = MEASURE_SPREADS["upper_lip_height"], []
     for seed in (1, 2, 3):
         person = template_face(resolution="medium", seed=seed)
         fitted = fit_face(generic, points_of_face(person), simulated=True).face

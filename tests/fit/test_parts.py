@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 import sim
 from emgface.face.quality import element_quality
 from emgface.face.surface import nearest_on_triangles
-from emgface.fit.columns import SPREAD, Columns, ThicknessPrior
+from emgface.fit.columns import THICKNESS_SPREAD, Columns, ThicknessPrior
 from emgface.fit.corners import Corners
 from emgface.fit.loops import along, length, pair_loops
 from emgface.fit.similarity import similarity, thin_plate
@@ -141,14 +141,14 @@ def test_the_interval_contains_nine_of_ten_log_normal_thicknesses(generic):
     X = generic["position"].values
     prior = ThicknessPrior.scaled(columns, X, 1.1, np.zeros(0, dtype=np.int64))
     np.testing.assert_allclose(prior.mean, 1.1 * columns.thickness(X))
-    drawn = prior.mean * np.exp(SPREAD * RNG.standard_normal((400, len(prior.mean))))
+    drawn = prior.mean * np.exp(THICKNESS_SPREAD * RNG.standard_normal((400, len(prior.mean))))
     low, high = prior.interval()
     assert ((drawn > low) & (drawn < high)).mean() == pytest.approx(0.9, abs=0.01)
 
 
 def test_the_spread_of_thickness_is_that_of_soft_tissue_without_the_skin():
     """14 %, as docs/fit and the command state; sizes other than thicknesses spread otherwise."""
-    assert pytest.approx(0.14, abs=5e-4) == SPREAD
+    assert pytest.approx(0.14, abs=5e-4) == THICKNESS_SPREAD
 
 
 def test_springs_of_a_column_reach_its_thickness_and_push_nothing(generic):

@@ -10,7 +10,7 @@ from emgface.inverse.markers import marker_nodes, wanted_positions
 from emgface.inverse.parameters import InverseParameters
 from emgface.inverse.run import invert
 from emgface.inverse.signals import estimated_activation
-from emgface.inverse.variants import VARIANTS, trust_of
+from emgface.inverse.variants import INVERSE_VARIANTS, trust_of
 from emgface.muscles import LIP_MARKERS, MUSCLES
 from emgface.signals.parameters import HeadFrameParameters, SignalChain
 from tests.inverse.recordings import recording_of
@@ -43,7 +43,8 @@ def lost(recording, name, begin, end):
 
 def test_the_variants_are_one_family_of_trust():
     trust = {
-        v: dict(zip(MUSCLES, trust_of(v, MUSCLES, 3.0, ["ZYG_L"]), strict=True)) for v in VARIANTS
+        v: dict(zip(MUSCLES, trust_of(v, MUSCLES, 3.0, ["ZYG_L"]), strict=True))
+        for v in INVERSE_VARIANTS
     }
     assert set(trust["motion"].values()) == {0.0}
     assert set(trust["driven"].values()) == {np.inf}

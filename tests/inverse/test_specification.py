@@ -14,7 +14,7 @@ from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 from emgface.inverse.posterior import Posterior
-from emgface.volunteers.instructions import PHASES, true_activation
+from emgface.volunteers.instructions import INSTRUCTION_PHASES, true_activation
 from sim.inverse import (
     ActiveForces,
     PointTarget,
@@ -80,7 +80,7 @@ def known() -> Iterator[Result]:
     """Check 3: all nodes of the template tracked, and a point whose muscles are redundant."""
     system = sim.compile_scene(compose_scene(template_face(resolution="coarse"), SIMULATION))
     t = H * np.arange(51)
-    for instruction in PHASES:
+    for instruction in INSTRUCTION_PHASES:
         truth = true_activation(instruction).sel(muscle=list(system.muscles))
         total = truth.sum("muscle").values
         onset = float(truth["time_true"][int((total > 0.5 * total.max()).argmax())])

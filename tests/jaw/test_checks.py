@@ -7,8 +7,8 @@ from typer.testing import CliRunner
 
 from benchmarks import jaw_published
 from emgface.anatomy.jaw import run
-from emgface.anatomy.jaw.run import STILL, run_task
-from emgface.anatomy.jaw.tasks import TASKS
+from emgface.anatomy.jaw.run import REST_SPEED, run_task
+from emgface.anatomy.jaw.tasks import JAW_TASKS
 from emgface.cli import app
 from emgface.schema.netcdf import write_netcdf
 from tests.jaw.small import small_jaw
@@ -73,12 +73,12 @@ def test_the_stored_pull_is_compared_on_the_branch_of_its_force(shared, publishe
 
 def test_a_task_that_ends_at_rest_is_continued_until_it_does(published):
     """After 2 s, the stated duration, the free hyoid moved at 0.09 mm/s."""
-    motion = run_task(published("larynx"), TASKS["rest"], step=5e-3, check=False)
-    assert motion.attrs["end_speed"] < STILL
+    motion = run_task(published("larynx"), JAW_TASKS["rest"], step=5e-3, check=False)
+    assert motion.attrs["end_speed"] < REST_SPEED
     assert float(motion["time"][-1]) == 4.0
-    short = run_task(published("larynx"), TASKS["rest"], duration=1.0, step=5e-3, check=False)
-    assert short.attrs["end_speed"] > 10.0 * STILL
-    assert "end_speed" not in run_task(published("fixed"), TASKS["open"], check=False).attrs
+    short = run_task(published("larynx"), JAW_TASKS["rest"], duration=1.0, step=5e-3, check=False)
+    assert short.attrs["end_speed"] > 10.0 * REST_SPEED
+    assert "end_speed" not in run_task(published("fixed"), JAW_TASKS["open"], check=False).attrs
 
 
 def test_a_jaw_that_still_moves_at_the_end_is_reported(published, tmp_path):
@@ -100,6 +100,6 @@ def test_a_jaw_that_never_rests_is_not_simulated_for_ever(monkeypatch):
         return xr.Dataset({"position": (("time", "marker", "axis"), x)}, {"time": [0.0, 0.5, 1.0]})
 
     monkeypatch.setattr(run, "simulate_jaw", moving)
-    motion = run_task(small_jaw(), TASKS["rest"])
+    motion = run_task(small_jaw(), JAW_TASKS["rest"])
     assert asked == [2.0, 4.0, 8.0, 16.0]
     assert motion.attrs["end_speed"] == pytest.approx(2e-3 * 3**0.5)

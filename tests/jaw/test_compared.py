@@ -6,9 +6,14 @@ from typer.testing import CliRunner
 
 from analysis.tables import Table
 from emgface.anatomy.jaw.compared import JawComparison, compare_with_recording
-from emgface.anatomy.jaw.recorded import SHIFT, in_skull_of, score_motion, simulated_recording
+from emgface.anatomy.jaw.recorded import (
+    LARGEST_SHIFT,
+    in_skull_of,
+    score_motion,
+    simulated_recording,
+)
 from emgface.anatomy.jaw.run import run_task
-from emgface.anatomy.jaw.tasks import TASKS, JawTask
+from emgface.anatomy.jaw.tasks import JAW_TASKS, JawTask
 from emgface.anatomy.jaw.template import template_jaw
 from emgface.cli import app
 from emgface.recordings.dataset import write_recording
@@ -18,7 +23,7 @@ from tests.jaw.small import small_jaw
 
 @pytest.fixture(scope="module")
 def truth():
-    return run_task(template_jaw(preset="woman"), TASKS["cycles"], step=5e-3, check=False)
+    return run_task(template_jaw(preset="woman"), JAW_TASKS["cycles"], step=5e-3, check=False)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +60,7 @@ def test_a_driven_motion_is_not_matched_with_another_repetition(truth, recording
     late["position"].values[..., 180:] = truth["position"].values[..., :-180]
     late["position"].values[..., :180] = truth["position"].values[..., :1]
     scores = score_motion(recording, late.assign_attrs(recorded_start=0.0))
-    assert abs(float(scores["shift"])) <= SHIFT + 1e-9
+    assert abs(float(scores["shift"])) <= LARGEST_SHIFT + 1e-9
     assert float(scores["rho"][0]) < 0.7
 
 

@@ -9,7 +9,7 @@ from emgface.anatomy.jaw.emg import excitation_of
 from emgface.anatomy.jaw.recorded import score_motion, simulated_recording
 from emgface.anatomy.jaw.run import run_excitation, run_task
 from emgface.anatomy.jaw.series import excitation_in, read_excitation
-from emgface.anatomy.jaw.tasks import TASKS
+from emgface.anatomy.jaw.tasks import JAW_TASKS
 from emgface.anatomy.jaw.template import template_jaw
 from emgface.choices import configure
 from emgface.cli import app
@@ -32,12 +32,12 @@ def jaw():
 
 @pytest.fixture(scope="module")
 def truth(jaw):
-    return run_task(jaw, TASKS["cycles"], step=STEP)
+    return run_task(jaw, JAW_TASKS["cycles"], step=STEP)
 
 
 @pytest.fixture(scope="module")
 def effort(jaw):
-    return simulated_recording(run_task(jaw, TASKS["effort"], step=STEP), person=3)
+    return simulated_recording(run_task(jaw, JAW_TASKS["effort"], step=STEP), person=3)
 
 
 @pytest.fixture(scope="module")
@@ -175,7 +175,7 @@ def test_recorded_path_of_a_person_is_scored(shared, jaw):
                 "time_marker": ("time_marker", rows[:, 0], {"units": "s"})},
         attrs={"origin": "measured"},
     )  # fmt: skip
-    motion = run_task(jaw, TASKS["lateral"], step=STEP)
+    motion = run_task(jaw, JAW_TASKS["lateral"], step=STEP)
     scores = score_motion(recording, motion)
     assert -1.0 <= float(scores["rho"][0]) <= 1.0
     assert scores.attrs["origin"] == "measured"

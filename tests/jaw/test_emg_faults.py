@@ -11,7 +11,7 @@ from emgface.anatomy.jaw.emg import excitation_of
 from emgface.anatomy.jaw.recorded import score_motion, simulated_recording
 from emgface.anatomy.jaw.run import run_task
 from emgface.anatomy.jaw.series import excitation_in, started
-from emgface.anatomy.jaw.tasks import TASKS
+from emgface.anatomy.jaw.tasks import JAW_TASKS
 from emgface.anatomy.jaw.template import template_jaw
 from emgface.choices import configure
 from emgface.errors import FeatureWarning, JawError, MarkerError, SignalError
@@ -30,7 +30,9 @@ def chain(kind):
 def recorded():
     """A motion, its recording, and one of maximum effort."""
     jaw = template_jaw(preset="woman")
-    motions = [run_task(jaw, TASKS[name], step=STEP, check=False) for name in ("cycles", "effort")]
+    motions = [
+        run_task(jaw, JAW_TASKS[name], step=STEP, check=False) for name in ("cycles", "effort")
+    ]
     return motions[0], *(simulated_recording(motion, person=3) for motion in motions)
 
 

@@ -10,7 +10,7 @@ import sim
 from emgface.anatomy.jaw.outcomes import point_displacement, separation
 from emgface.anatomy.jaw.run import run_task, simulate_jaw
 from emgface.anatomy.jaw.series import ramps, read_excitation, read_probe, read_probes
-from emgface.anatomy.jaw.tasks import TASKS, HeadTurn, JawTask, task_of
+from emgface.anatomy.jaw.tasks import JAW_TASKS, HeadTurn, JawTask, task_of
 from emgface.cli import app
 from emgface.cli.simulate import tell_motion
 from emgface.errors import FeatureWarning, JawError
@@ -130,7 +130,7 @@ def test_free_fall_ends_at_the_teeth_and_muscles_hold_the_weight():
     np.testing.assert_allclose(row["muscle_force"][-1], expected[-1], rtol=1e-3)
     open_ = simulate_jaw(jaw, ramps({"bi_all": [(0.0, 0.0)]}), duration=0.1, step=5e-3)
     assert point_displacement(open_, "lower_incisor")[-1, 2] < -1.0
-    pulled = run_task(jaw, TASKS["pull"], duration=0.1, step=5e-3)
+    pulled = run_task(jaw, JAW_TASKS["pull"], duration=0.1, step=5e-3)
     drop = [point_displacement(m, "lower_incisor")[-1, 2] for m in (open_, pulled)]
     assert drop[1] < drop[0] - 0.5
     assert separation(open_)[-1] > 1.0
@@ -193,7 +193,7 @@ def test_invalid_tasks_are_refused_with_a_reason(tmp_path):
     with pytest.raises(JawError, match="expected a table with a column time"):
         read_excitation(tmp_path / "drive.csv")
     assert {"rest", "close", "open", "protrude", "lateral", "clench", "chew", "swallow"} <= set(
-        TASKS
+        JAW_TASKS
     )
 
 

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 from emgface.anatomy.jaw.outcomes import interincisal, outcome, point_displacement, separation
 from emgface.anatomy.jaw.run import run_task, simulate_jaw
 from emgface.anatomy.jaw.series import ramps
-from emgface.anatomy.jaw.tasks import TASKS
+from emgface.anatomy.jaw.tasks import JAW_TASKS
 from emgface.anatomy.jaw.template import JAW_NORMS, template_jaw
 from emgface.cli import app
 from emgface.errors import JawError
@@ -87,16 +87,16 @@ def test_border_movements_are_within_norms(preset):
     8.8 and 9.4 to 11.8 mm (Swiss Dent J, maximum mandibular mobility).
     """
     jaw = template_jaw(preset=preset)
-    assert 40.0 <= interincisal(run_task(jaw, TASKS["gape"])).max() <= 55.0
-    assert 5.0 <= outcome(run_task(jaw, TASKS["protrude"]))["end_forward"] <= 10.0
-    aside = outcome(run_task(jaw, TASKS["lateral"]))
+    assert 40.0 <= interincisal(run_task(jaw, JAW_TASKS["gape"])).max() <= 55.0
+    assert 5.0 <= outcome(run_task(jaw, JAW_TASKS["protrude"]))["end_forward"] <= 10.0
+    aside = outcome(run_task(jaw, JAW_TASKS["lateral"]))
     assert 7.0 <= aside["end_right"] <= 12.0
     assert aside["end_down"] < 6.0
 
 
 def test_reactions_balance_muscles_and_weight_in_clenching(jaw):
     """Forces of teeth and condyles on the mandible, muscles, and weight add up to zero at rest."""
-    motion = run_task(jaw, TASKS["clench"], duration=0.5)
+    motion = run_task(jaw, JAW_TASKS["clench"], duration=0.5)
     at = motion.isel(time=-1)
     own = [n for n in motion["joint"].values if n[:-2] in ("tmj", "posterior", "lateral", "bite")]
     reaction = at["joint_force"].sel(joint=own).sum("joint").values
@@ -133,8 +133,8 @@ def test_steps_too_long_for_the_muscles_are_refused(jaw):
     with pytest.raises(
         JawError, match=r"steps of 25 ms are too long before 0\.\d+ s.* such as 6\.25 ms"
     ):
-        run_task(jaw, TASKS["effort"], step=25e-3)
-    motion = run_task(jaw, TASKS["effort"], step=1e-2)
+        run_task(jaw, JAW_TASKS["effort"], step=25e-3)
+    motion = run_task(jaw, JAW_TASKS["effort"], step=1e-2)
     assert np.linalg.norm(point_displacement(motion, "lower_incisor"), axis=1).max() < 25.0
 
 
@@ -179,7 +179,7 @@ def test_norms_are_complete_and_impossible_measures_refused():
 @pytest.mark.parametrize("preset", ["woman", "man"])
 def test_the_generated_jaw_chews(preset):
     """It opens, returns along the side of the morsel, which it crushes, and closes."""
-    motion = run_task(template_jaw(preset=preset), TASKS["chew"], step=5e-3, check=False)
+    motion = run_task(template_jaw(preset=preset), JAW_TASKS["chew"], step=5e-3, check=False)
     d, apart = point_displacement(motion, "lower_incisor"), separation(motion)
     k, aside = int(np.argmin(d[:, 2])), int(np.argmax(np.abs(d[:, 0])))
     assert 12.0 < -d[k, 2] < 25.0

@@ -2,18 +2,18 @@
 
 import pytest
 
-from emgface.anatomy.jaw.outcomes import EXPECTED, PUBLISHED, verdicts
-from emgface.anatomy.jaw.tasks import TASKS
+from emgface.anatomy.jaw.outcomes import EXPECTED_OUTCOMES, PUBLISHED_OUTCOMES, verdicts
+from emgface.anatomy.jaw.tasks import JAW_TASKS
 
 INSIDE = {"end_down": 4.0, "gape": 36.0, "interincisal": 47.0, "forward": 6.0, "lateral": -8.0}
 
 
 def test_every_published_number_has_a_verdict_and_every_task_a_text() -> None:
-    assert set(PUBLISHED) == set(TASKS) and set(EXPECTED) <= set(TASKS)
-    for task, text in PUBLISHED.items():
+    assert set(PUBLISHED_OUTCOMES) == set(JAW_TASKS) and set(EXPECTED_OUTCOMES) <= set(JAW_TASKS)
+    for task, text in PUBLISHED_OUTCOMES.items():
         counted = any(word in text for word in (" mm", "20.1"))
         if counted and "larynx" not in text:
-            assert task in EXPECTED, task
+            assert task in EXPECTED_OUTCOMES, task
 
 
 @pytest.mark.parametrize(

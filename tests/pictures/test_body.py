@@ -6,13 +6,13 @@ import xarray as xr
 
 from emgface.face.parts import arches_of
 from emgface.pictures.body import (
-    COLOURS,
-    ENOUGH,
     LINING,
     MOUTH,
     NOSTRIL,
-    SKIN,
-    VERMILION,
+    PART_COLOURS,
+    REFINED_POINTS,
+    SKIN_PART,
+    VERMILION_PART,
     Skin,
     body_of,
     make_body,
@@ -77,13 +77,13 @@ def test_parts_of_a_face(face: xr.Dataset) -> None:
     skin = skin_of(face)
     assert len(np.unique(np.sort(skin.facet, axis=1), axis=0)) == len(skin.facet)
     middle = face["position"].values[skin.node][skin.facet].mean(axis=1)
-    at = {part: middle[skin.part == part] for part in (SKIN, VERMILION, LINING)}
+    at = {part: middle[skin.part == part] for part in (SKIN_PART, VERMILION_PART, LINING)}
     assert all(len(each) for each in at.values())
-    near = [np.abs(at[part][np.abs(at[part][:, 0]) < 5e-3]) for part in (VERMILION, LINING)]
+    near = [np.abs(at[part][np.abs(at[part][:, 0]) < 5e-3]) for part in (VERMILION_PART, LINING)]
     assert near[0][:, 2].max() < 12e-3, "the red is at the lips"
     assert near[0][:, 1].mean() > near[1][:, 1].mean() + 2e-3, "the lining lies behind it"
     plain = face.drop_dims(["facet", "surface"])
-    assert set(skin_of(plain).part) == {SKIN}
+    assert set(skin_of(plain).part) == {SKIN_PART}
 
 
 def test_body_follows_its_nodes(face: xr.Dataset) -> None:
@@ -91,7 +91,7 @@ def test_body_follows_its_nodes(face: xr.Dataset) -> None:
     body, rest = body_of(face, skin), face["position"].values[skin.node]
     points = body.points(rest)
     np.testing.assert_array_equal(points[: body.n], rest)
-    assert ENOUGH <= body.tissue < 4 * ENOUGH
+    assert REFINED_POINTS <= body.tissue < 4 * REFINED_POINTS
     shift = np.array([1e-3, -2e-3, 3e-3])
     moved = body.points(rest + shift)
     tissue = len(points) - len(body.teeth)
@@ -112,7 +112,7 @@ def test_colour_by_node(face: xr.Dataset) -> None:
     green = body.coloured(np.tile([0.0, 1.0, 0.0], (body.n, 1)))
     np.testing.assert_allclose(green[: body.tissue], [[0.0, 1.0, 0.0]] * body.tissue)
     np.testing.assert_array_equal(green[body.tissue :], body.colour[body.tissue :])
-    assert tuple(body.colour[0]) in {*COLOURS.values()} or (body.colour[0] <= 1.0).all()
+    assert tuple(body.colour[0]) in {*PART_COLOURS.values()} or (body.colour[0] <= 1.0).all()
 
 
 def test_a_closed_surface_gets_no_back() -> None:
@@ -137,7 +137,7 @@ def test_nostrils_are_drawn_on_the_base_of_the_nose(face):
     assert share.shape == (n,) and share.max(initial=0.0) <= 1.0
     dark = np.abs(body.colour[: body.tissue] - np.array(NOSTRIL)).max(axis=1) < 0.05
     assert 4 <= dark.sum() < 0.01 * body.tissue
-    lips = np.unique(facet[part == VERMILION])
+    lips = np.unique(facet[part == VERMILION_PART])
     middle = rest[lips, 0].mean()
     for side in (-1.0, 1.0):
         own = points[dark][side * (points[dark, 0] - middle) > 0.0]
@@ -146,7 +146,7 @@ def test_nostrils_are_drawn_on_the_base_of_the_nose(face):
     assert points[dark, 2].min() > rest[lips, 2].max()
     # The template is symmetrical.
     np.testing.assert_allclose(points[dark, 0].mean(), middle, atol=1e-6)
-    assert not nostrils(rest, facet, np.full_like(part, SKIN)).any()
+    assert not nostrils(rest, facet, np.full_like(part, SKIN_PART)).any()
     # A face that looks upward has no base of a nose above its lips.
     turned = rest * np.array([1.0, 1.0, -1.0])
     assert not nostrils(turned, facet[:, ::-1], part).any()

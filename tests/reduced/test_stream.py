@@ -92,7 +92,7 @@ def test_streams_that_cannot_be_used_are_refused(lsl, monkeypatch):
     kept.append(outlet(lsl, "events", ["ZYG_L"], rate=0.0))
     with pytest.raises(SignalError, match="'events' has no sampling rate"):
         Streamed("events", STEP)
-    monkeypatch.setattr("emgface.reduced.stream.TIMEOUT", 0.2)
+    monkeypatch.setattr("emgface.reduced.stream.STREAM_TIMEOUT", 0.2)
     with pytest.raises(SignalError, match="no stream 'absent' was found within 0.2 s"):
         Streamed("absent", STEP)
 

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.jaw_published import WANTED
 from benchmarks.jaw_verdicts import basis_of, met_of
-from emgface.anatomy.jaw.outcomes import EXPECTED
+from emgface.anatomy.jaw.outcomes import EXPECTED_OUTCOMES
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = ("jaw", "jaw_published", "tongue", "head", "acoustics/README", "coupled/README")
@@ -77,7 +77,7 @@ def test_the_page_agrees_with_the_basis_of_the_program() -> None:
     }
     assert {row[0] for row in movements[1:]} == set(names)
     for row in movements[1:]:
-        (one,) = EXPECTED[names[row[0]]]
+        (one,) = EXPECTED_OUTCOMES[names[row[0]]]
         assert row[-1] == ("calibrated" if one.tuned else "validated")
         assert row[-2] == f"{one.low:g} to {one.high:g}"
         for value in map(float, row[2:4]):

@@ -8,7 +8,7 @@ import pytest
 
 from emgface.errors import DataError, StoreError
 from emgface.files import (
-    LONGEST,
+    LONGEST_FILE_NAME,
     different_names,
     named_file,
     new_files,
@@ -101,7 +101,7 @@ def test_names_that_are_usual_are_kept(tmp_path: Path) -> None:
         named_file(tmp_path, "Zo\u00eb", "stim/left", suffix=".nc").name == "Zo\u00eb_stim-left.nc"
     )
     assert named_file(tmp_path, "con", suffix=".nc").name == "con-.nc"
-    for texts in (["", " "], ["x" * LONGEST]):
+    for texts in (["", " "], ["x" * LONGEST_FILE_NAME]):
         with pytest.raises(DataError, match="cannot be the name of a file"):
             named_file(tmp_path, *texts, suffix=".nc")
 

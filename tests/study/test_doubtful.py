@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from emgface.recordings.findings import findings_in
 from emgface.signals.activation import activation_of
-from emgface.signals.doubtful import FEW, SERVES, WEAK, doubtful_rows, rest_rms
+from emgface.signals.doubtful import SERVES, SMALL_COUNT_SHARE, WEAK, doubtful_rows, rest_rms
 from emgface.signals.feature_parameters import FeatureParameters
 from emgface.signals.features import feature_of, willison_amplitude
 from tests.study.recordings import chain_of, recording_of
@@ -42,7 +42,7 @@ def test_the_threshold_that_is_named_serves(ratio: float, rest: float) -> None:
     serves = float(doubtful.values["serves"])
     assert serves == pytest.approx(SERVES * np.sqrt(2) * rest, rel=0.1)
     again = willison_amplitude(signal, threshold=serves)
-    assert float(again.max() - again.min()) > FEW * 409
+    assert float(again.max() - again.min()) > SMALL_COUNT_SHARE * 409
     assert doubtful_rows(again, signal) == []
 
 

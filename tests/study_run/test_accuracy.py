@@ -6,7 +6,7 @@ import xarray as xr
 
 from emgface.choices import configure
 from emgface.errors import ConfigurationError
-from emgface.face.accuracy import PRESETS
+from emgface.face.accuracy import ACCURACY_PRESETS
 from emgface.face.integration import INTEGRATORS, integrator_of
 from emgface.face.motion import simulate_face
 from emgface.face.sigma_max import lower_sigma_max
@@ -33,7 +33,7 @@ def activation(face, duration=0.08):
 
 def test_a_preset_sets_parameters_that_are_not_given():
     chosen = configure(SimulationParameters, FREE | {"accuracy": "reference"})
-    assert (chosen.solver, chosen.step) == ("sdirk2", PRESETS["reference"]["step"])
+    assert (chosen.solver, chosen.step) == ("sdirk2", ACCURACY_PRESETS["reference"]["step"])
     assert configure(SimulationParameters, {"accuracy": "draft", "step": 0.005}).step == 0.005
     again = SimulationParameters.model_validate(chosen.model_dump())
     assert again == chosen
@@ -44,7 +44,7 @@ def test_the_accuracy_of_given_parameters_is_changed():
     chosen = given.as_accurate("draft")
     assert (chosen.solver, chosen.step, chosen.sigma_max) == (
         "sdirk2",
-        PRESETS["draft"]["step"],
+        ACCURACY_PRESETS["draft"]["step"],
         80e3,
     )
     assert given.as_accurate("1 mm").error_tolerance == 1e-3
@@ -53,7 +53,7 @@ def test_the_accuracy_of_given_parameters_is_changed():
 def test_accuracy_is_that_of_a_study_by_default():
     plain = SimulationParameters(**FREE)
     values = plain.model_dump()
-    assert {name: values[name] for name in PRESETS["study"]} == PRESETS["study"]
+    assert {name: values[name] for name in ACCURACY_PRESETS["study"]} == ACCURACY_PRESETS["study"]
     iterated = integrator_of(plain)
     assert isinstance(iterated, Sdirk2) and iterated.tolerance == 5e-6
     published = configure(SimulationParameters, {"accuracy": "published"})

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from analysis.baselines import VARIABLES, scored
+from analysis.baselines import BASELINE_VARIABLES, scored
 from analysis.registration import mean_motion
 from emgface.choices import configure
 from emgface.face.measured import measured_during
@@ -60,7 +60,7 @@ def three(slab: xr.Dataset, laboratory: Path, tmp_path_factory):
 
 def test_every_baseline_is_in_the_cube(three) -> None:
     cube = read_netcdf(three[1].path, "cube")
-    assert {*VARIABLES, "skill_reason"} <= {*cube.data_vars}
+    assert {*BASELINE_VARIABLES, "skill_reason"} <= {*cube.data_vars}
     assert cube["template_rho"].dims == ("volunteer", "instruction", "repetition", "marker")
     for name in ("template_rho", "wrong_rho", "onset_error", "asymmetry_simulated"):
         first = cube[name].sel(repetition=1)

@@ -15,7 +15,7 @@ from emgface.errors import ConfigurationError, DataError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.recordings.dataset import read_recording, write_recording
 from emgface.report.methods import methods
-from emgface.study.calibrated import LEVELS, stress_of
+from emgface.study.calibrated import COMPARED_STRESSES, stress_of
 from emgface.study.run import run_study
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.simulate import make_volunteers
@@ -63,7 +63,7 @@ def studied(people: Path, tmp_path_factory) -> Path:
 @pytest.mark.parametrize("power", [0.5, 1.0, 1.6])
 def test_the_stress_of_a_power_law_is_found(true: float, power: float) -> None:
     """Ratio (s / s0)^p: ln ratio is linear in ln s."""
-    curve = tuple(power * np.log(np.array(LEVELS) / true))
+    curve = tuple(power * np.log(np.array(COMPARED_STRESSES) / true))
     assert stress_of([curve] * 3) == pytest.approx(true)
     spread = [tuple(np.array(curve) + shift) for shift in (-0.7, 0.0, 0.1)]
     assert stress_of(spread) == pytest.approx(true)  # the median trial
@@ -72,8 +72,12 @@ def test_the_stress_of_a_power_law_is_found(true: float, power: float) -> None:
 
 
 def test_the_stress_is_not_extrapolated_and_is_nan_without_evidence() -> None:
-    assert stress_of([tuple(np.log(np.array(LEVELS) / 1e6))]) == pytest.approx(LEVELS[-1])
-    assert stress_of([tuple(np.log(np.array(LEVELS) / 1e3))]) == pytest.approx(LEVELS[0])
+    assert stress_of([tuple(np.log(np.array(COMPARED_STRESSES) / 1e6))]) == pytest.approx(
+        COMPARED_STRESSES[-1]
+    )
+    assert stress_of([tuple(np.log(np.array(COMPARED_STRESSES) / 1e3))]) == pytest.approx(
+        COMPARED_STRESSES[0]
+    )
     assert np.isnan(stress_of([]))
     assert np.isnan(stress_of([(np.nan, np.nan, 0.1)]))
     assert np.isnan(stress_of([(0.2, 0.1, -0.1)]))  # stronger muscles that move less

@@ -19,7 +19,7 @@ from emgface.face.template import random_measures
 from emgface.recordings.dataset import read_recording
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.file import CHANGED, load_study, study_template
+from emgface.study.file import SHORT_PARAMETERS, load_study, study_template
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
 STUDY = """
@@ -117,8 +117,8 @@ def test_the_template_is_printed_or_written(tmp_path: Path) -> None:
     assert run("study", "template", "--all").stdout == study_template()
     assert run("study", "template", "--out", tmp_path / "s.toml").exit_code == 0
     short = (tmp_path / "s.toml").read_text()
-    assert short == study_template(only=CHANGED) and len(short.splitlines()) < 200
-    for name in CHANGED:
+    assert short == study_template(only=SHORT_PARAMETERS) and len(short.splitlines()) < 200
+    for name in SHORT_PARAMETERS:
         assert re.search(rf"^(# )?{name.rpartition('.')[2]} =", short, re.MULTILINE), name
     assert load_study(tmp_path / "s.toml") == StudyConfiguration(
         recordings={"folder": tmp_path / "recordings"}

@@ -42,7 +42,7 @@ class Elsewhere(InProcess):
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch) -> Path:
     """Three recordings, one of them without a marker, and a file of another kind."""
-    monkeypatch.setattr(intake_module, "SETTLED", -1.0)
+    monkeypatch.setattr(intake_module, "SETTLED_AGE", -1.0)
     for repetition in (1, 2):
         write_recording(
             recording().assign_attrs(repetition=repetition), tmp_path / "in" / f"r{repetition}.nc"
@@ -102,7 +102,7 @@ def test_recent_files_and_other_readers_are_read_again(folder: Path, monkeypatch
     monkeypatch.setattr(intake_module, "code_version", lambda modules: "another version")
     monkeypatch.setattr("emgface.run.provenance.code_version", lambda modules: "another version")
     assert len(taken(folder).read) == 2
-    monkeypatch.setattr(intake_module, "SETTLED", 60.0)
+    monkeypatch.setattr(intake_module, "SETTLED_AGE", 60.0)
     assert taken(folder).read == []  # too recent to be known again by their times
 
 

@@ -25,7 +25,7 @@ from typer.testing import CliRunner
 
 import emgface.files
 from emgface.cli import app
-from emgface.cli.written import WRITTEN
+from emgface.cli.written import WRITTEN_OPTIONS
 from emgface.face.file import save_face
 from emgface.face.waypoints import INDEX
 from emgface.files import is_part
@@ -87,7 +87,7 @@ functions, which tests/rules/test_writing.py holds."""
 
 
 def test_every_command_that_writes_is_listed() -> None:
-    writing = {command for command, _, names in paths() if set(names) & set(WRITTEN)}
+    writing = {command for command, _, names in paths() if set(names) & set(WRITTEN_OPTIONS)}
     tested = {name.removesuffix(" way points") for name in (*QUICK, *SLOW)} | {"study export"}
     assert writing == tested | OTHERS and not tested & OTHERS
 

@@ -10,9 +10,9 @@ import xarray as xr
 
 from emgface.cli.study_state import _study
 from emgface.errors import FaceError
-from emgface.face.accuracy import PRESETS
+from emgface.face.accuracy import ACCURACY_PRESETS
 from emgface.face.integration import INTEGRATORS
-from emgface.face.motion import REST, of_rest, require_rest, settle_face
+from emgface.face.motion import REST_ATTRIBUTE, of_rest, require_rest, settle_face
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.reduced.full_order import with_steps
@@ -40,8 +40,8 @@ def renewed(face: xr.Dataset, **values) -> int:
 def test_rows_are_renewed_once_by_the_solvers_that_iterate(coarse: xr.Dataset) -> None:
     for accuracy in (*ITERATING, "published"):
         assert renewed(coarse, accuracy=accuracy) == (accuracy in ITERATING), accuracy
-    assert set(PRESETS) == {"draft", "study", "reference", "published", "realtime"}
-    assert PRESETS["realtime"]["solver"] == PRESETS["published"]["solver"]
+    assert set(ACCURACY_PRESETS) == {"draft", "study", "reference", "published", "realtime"}
+    assert ACCURACY_PRESETS["realtime"]["solver"] == ACCURACY_PRESETS["published"]["solver"]
     for solver in INTEGRATORS.keys() - {"trapezoidal"}:  # which has no contact
         assert renewed(coarse, solver=solver) == (solver in ("sdirk2", "converged")), solver
 
@@ -137,18 +137,18 @@ def test_equilibria_of_all_versions_serve_all_numbers_of_renewals(
     ]
     settled = settle_face(coarse, accuracies[0])
     assert len({json.dumps(of_rest(p)) for p in accuracies}) == 1
-    own = json.loads(settled.attrs[REST])
+    own = json.loads(settled.attrs[REST_ATTRIBUTE])
     assert "renewals" not in own["contact"]
     if stored != "absent":
         own["contact"]["renewals"] = stored
-    earlier = settled.assign_attrs({REST: json.dumps(own)})
+    earlier = settled.assign_attrs({REST_ATTRIBUTE: json.dumps(own)})
     for p in accuracies:
         require_rest(earlier, coarse, p)
     own["contact"]["friction"] = 0.3
     with pytest.raises(
         FaceError, match=r"with contact.friction = 0.3, found contact.friction = 0.0"
     ):
-        require_rest(settled.assign_attrs({REST: json.dumps(own)}), coarse, accuracies[0])
+        require_rest(settled.assign_attrs({REST_ATTRIBUTE: json.dumps(own)}), coarse, accuracies[0])
 
 
 def test_an_equilibrium_does_not_depend_on_renewals(coarse: xr.Dataset) -> None:

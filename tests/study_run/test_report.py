@@ -20,7 +20,7 @@ from emgface.cli import app
 from emgface.errors import DataError
 from emgface.face.file import load_face
 from emgface.pictures.body import merged, skin_of
-from emgface.pictures.encoding import ABSENT, QUANTUM, deltas, whole
+from emgface.pictures.encoding import ABSENT_MARKER, QUANTUM, deltas, whole
 from emgface.pictures.page import THREE, resource
 from emgface.report import write
 from emgface.report.first_motion import FirstMotion
@@ -136,7 +136,7 @@ def test_the_skin_is_kept_when_trials_run_and_not_simulated_again(page: Path) ->
 def test_integers_keep_missing_values() -> None:
     values = np.array([[[0.001, 0.0, -0.001]], [[np.nan] * 3]])
     integers = whole(values, np.zeros(3))
-    assert integers.tolist() == [[[50, 0, -50]], [[ABSENT] * 3]]
+    assert integers.tolist() == [[[50, 0, -50]], [[ABSENT_MARKER] * 3]]
     raw = np.frombuffer(zlib.decompress(base64.b64decode(deltas(integers))), np.uint8)
     assert len(raw) == 2 * integers.size
 

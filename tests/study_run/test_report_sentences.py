@@ -11,7 +11,7 @@ import xarray as xr
 from typer.testing import CliRunner
 
 from analysis.axes import combine_cubes
-from analysis.baselines import VARIABLES, with_baselines
+from analysis.baselines import BASELINE_VARIABLES, with_baselines
 from analysis.statistics.simulated import simulated_scores
 from emgface.cli import app
 from emgface.schema.netcdf import write_netcdf
@@ -30,7 +30,7 @@ def studied(seed: int, effect: float) -> xr.Dataset:
     }  # fmt: skip
     made: dict[str, xr.DataArray] = {}
     for name, level in (levels | {"template_volunteers": 5.0}).items():
-        dims = VARIABLES[name][0]
+        dims = BASELINE_VARIABLES[name][0]
         size = [cube.sizes[dim] for dim in dims]
         drawn = np.full(size, level) + (name.endswith("rho") * 0.05) * rng.uniform(-1.0, 1.0, size)
         made[name] = xr.DataArray(drawn, dims=dims, coords={dim: cube[dim] for dim in dims})

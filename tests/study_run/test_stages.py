@@ -13,7 +13,7 @@ from emgface.run import dependencies
 from emgface.run.dependencies import PASSIVE, reached
 from emgface.study.baselines import BASELINES, TYPICAL
 from emgface.study.formants import SOUND
-from emgface.study.skin import SKIN
+from emgface.study.skin import SKIN_STAGE
 from emgface.study.stage_code import (
     ACTIVATION,
     ALIGNED,
@@ -25,7 +25,7 @@ from emgface.study.stage_code import (
     SCORES_OF_HEAD,
     STAGES,
 )
-from emgface.volunteers.motions import MOTION as OF_VOLUNTEER
+from emgface.volunteers.motions import VOLUNTEER_MOTION
 
 FINDINGS = ("check", "finding_codes", "kinds", "labels", "quality.emg", "verdicts")
 SIGNALS = ("doubtful", "envelope", "features", "filters", "mapping", "montage", "normalisation")
@@ -38,7 +38,7 @@ EXPECTED = {  # modules on which the results of a stage certainly depend
     SCORES_OF_HEAD: ["emgface.anatomy.jaw.recorded", "analysis.align"],
     INVERSE: ["emgface.inverse.refine", "emgface.inverse.posterior", "emgface.face.measured"],
     FITTED: ["emgface.inverse.calibration_trial", "emgface.inverse.markers"],
-    SKIN: ["emgface.pictures.surface", "emgface.pictures.subdivision"],
+    SKIN_STAGE: ["emgface.pictures.surface", "emgface.pictures.subdivision"],
     SOUND: ["emgface.acoustics", "emgface.anatomy.airway.sound"],
     BASELINES: ["analysis.baselines", "analysis.registration", "emgface.study.against_baselines"],
     ROW: ["emgface.anatomy.tongue.template.shape", "emgface.face.template.surface"],
@@ -56,11 +56,11 @@ def test_a_stage_reaches_the_code_of_its_results(stage) -> None:
 
 
 def test_what_only_shows_or_starts_results_is_no_part_of_their_code() -> None:
-    for stage in (*STAGES, INVERTED, TYPICAL, OF_VOLUNTEER):
+    for stage in (*STAGES, INVERTED, TYPICAL, VOLUNTEER_MOTION):
         for name in ("emgface.cli", "emgface.report", "emgface.view", "emgface.fit"):
             assert not [one for one in stage.reached if one.startswith(name)], (stage.name, name)
     assert not [name for name in SNAPSHOTS.reached if ".reduced" in name]
-    assert not [name for name in SKIN.reached if name.startswith("emgface.anatomy")]
+    assert not [name for name in SKIN_STAGE.reached if name.startswith("emgface.anatomy")]
 
 
 def test_imports_are_followed_also_in_functions_and_those_of_packages(
@@ -78,7 +78,7 @@ def test_imports_are_followed_also_in_functions_and_those_of_packages(
     for name, text in texts.items():
         (package / f"{name}.py").write_text(text)
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr(dependencies, "PACKAGES", ("stages_of_a_test",))
+    monkeypatch.setattr(dependencies, "FOLLOWED_PACKAGES", ("stages_of_a_test",))
     monkeypatch.setattr(dependencies, "PASSIVE", frozenset({"stages_of_a_test.d"}))
     names = {name.partition(".")[2] for name in reached(("stages_of_a_test.a",))}
     assert names == {"a", "b", "c", "inner", "g"}

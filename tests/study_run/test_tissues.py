@@ -13,7 +13,7 @@ from emgface.face.motion import settle_face, simulate_face
 from emgface.face.parts import OUTER
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.face.tissue import LAWS, Tissue, material_axes
+from emgface.face.tissue import TISSUE_LAWS, Tissue, material_axes
 from emgface.muscles import MUSCLES
 from emgface.report.methods import methods
 from emgface.study.configuration import StudyConfiguration
@@ -48,8 +48,8 @@ def solid_of(face: xr.Dataset, p: SimulationParameters) -> sim.Solid:
 
 
 def test_every_law_of_passive_tissue_has_a_name_in_the_study_file() -> None:
-    assert set(LAWS.values()) == {*ISOCHORIC_LAWS, *TENSOR_LAWS}
-    for name, law in LAWS.items():
+    assert set(TISSUE_LAWS.values()) == {*ISOCHORIC_LAWS, *TENSOR_LAWS}
+    for name, law in TISSUE_LAWS.items():
         assert Tissue(law=name).passive_law() == law()
 
 

@@ -7,9 +7,9 @@ from scipy.signal import coherence, welch
 
 from emgface.errors import ConfigurationError, MarkerError, SignalError
 from emgface.muscles import (
-    ACROSS,
     AXES,
     CHANNELS,
+    CHANNELS_AT_MIDLINE,
     FACE_MARKERS,
     INSTRUCTIONS,
     LIP_MARKERS,
@@ -20,14 +20,20 @@ from emgface.muscles import (
     RELEVANT,
 )
 from emgface.volunteers.emg import (
-    BAND,
+    RECORDING_BAND,
     band_limited_noise,
     cross_talk_matrix,
     pickup_matrix,
     power_spectrum,
     synthesise_emg,
 )
-from emgface.volunteers.instructions import PHASES, Timing, burst, draw_timing, true_activation
+from emgface.volunteers.instructions import (
+    INSTRUCTION_PHASES,
+    Timing,
+    burst,
+    draw_timing,
+    true_activation,
+)
 from emgface.volunteers.markers import head_motion, record_markers
 from emgface.volunteers.person import draw_volunteer
 
@@ -60,7 +66,9 @@ def test_muscles_of_table_1_dominate_and_all_stay_within_0_and_1(instruction: st
     relevant = [f"{m}_{s}" for m in RELEVANT[instruction] for s in ("L", "R")]
     others = [m for m in MUSCLES if m not in relevant]
     assert float(peak.sel(muscle=relevant).min()) > float(peak.sel(muscle=others).max())
-    assert {m for phase in PHASES[instruction] for m in phase.levels} == set(RELEVANT[instruction])
+    assert {m for phase in INSTRUCTION_PHASES[instruction] for m in phase.levels} == set(
+        RELEVANT[instruction]
+    )
 
 
 def test_every_trial_begins_and_ends_at_rest() -> None:
@@ -123,7 +131,7 @@ def test_noise_has_the_stated_spectrum_and_unit_variance() -> None:
     np.testing.assert_allclose(density[core], expected[core], rtol=0.3)
     ratio = density[core] / expected[core]
     assert ratio.mean() == pytest.approx(1.0, abs=0.02)
-    inside = (frequency >= BAND[0] - 3) & (frequency <= BAND[1] + 3)
+    inside = (frequency >= RECORDING_BAND[0] - 3) & (frequency <= RECORDING_BAND[1] + 3)
     assert density[~inside].sum() < 1e-4 * density.sum()
 
 
@@ -180,7 +188,7 @@ def test_cross_talk_matrix_is_symmetric_between_sides_and_invertible() -> None:
     matrix = cross_talk_matrix(0.1)
     np.testing.assert_array_equal(matrix, matrix.T)
     np.testing.assert_array_equal(matrix[:7, :7], matrix[7:, 7:])
-    assert np.count_nonzero(matrix) == 14 + 2 * (2 * len(NEIGHBOURS) + len(ACROSS))
+    assert np.count_nonzero(matrix) == 14 + 2 * (2 * len(NEIGHBOURS) + len(CHANNELS_AT_MIDLINE))
     assert np.linalg.eigvalsh(matrix).min() > 0.5
 
 

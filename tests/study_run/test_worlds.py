@@ -23,7 +23,13 @@ from emgface.signals.parameters import SignalChain
 from emgface.signals.truth import true_activation_of
 from emgface.study.configuration import RecordingsConfiguration
 from emgface.study.intake import take_in
-from emgface.volunteers.conduction import NEAR, VELOCITY, Conduction, CurrentSource, face_conduction
+from emgface.volunteers.conduction import (
+    REFERENCE_DISTANCE,
+    VELOCITY,
+    Conduction,
+    CurrentSource,
+    face_conduction,
+)
 from emgface.volunteers.emg import draw_pools, synthesise_emg
 from emgface.volunteers.instructions import strongest_muscle
 from emgface.volunteers.mismatch import draw_mismatch, world_parameters
@@ -39,7 +45,7 @@ from emgface.volunteers.session import (
 )
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.simulate import make_volunteers
-from emgface.volunteers.world import KINDS, MATCHED, MISMATCHED, World, mismatched_in, world_of
+from emgface.volunteers.world import MATCHED, MISMATCHED, MISMATCHES, World, mismatched_in, world_of
 from tests.study_run.test_sessions import motion
 from tests.study_run.test_volunteers_emg import still_lips
 
@@ -66,14 +72,14 @@ def recorded(world: World) -> xr.Dataset:
 
 def test_a_world_is_named_by_what_is_mismatched() -> None:
     assert VolunteerParameters().world == MISMATCHED
-    assert MISMATCHED.kinds == tuple(KINDS) and MATCHED.kinds == ()
+    assert MISMATCHED.kinds == tuple(MISMATCHES) and MATCHED.kinds == ()
     assert world_of("matched").label == "matched world"
     assert world_of("mismatched").label == "mismatched world"
     assert world_of("delay+noise").label == "world mismatched in delay, noise"
     assert MISMATCHED.without("mesh").label == "mismatched world except mesh"
-    for kind in KINDS:
+    for kind in MISMATCHES:
         assert world_of(kind).kinds == (kind,)
-        assert set(MISMATCHED.without(kind).kinds) == set(KINDS) - {kind}
+        assert set(MISMATCHED.without(kind).kinds) == set(MISMATCHES) - {kind}
     with pytest.raises(ConfigurationError, match="'delai'.*expected matched, mismatched"):
         world_of("delai+noise")
     for wrong in ({"delay": [0.05, 0.03]}, {"snr": [0.5, 20.0]}, {"delays": [0.0, 0.1]}):
@@ -281,7 +287,7 @@ def test_recruitment_departs_from_the_table_in_each_person() -> None:
 def one_source(distance: float, along: float) -> Conduction:
     sources = tuple(CurrentSource("MEN_L", channel) for channel in CHANNELS)
     far = np.full((14, 14), 0.2)
-    np.fill_diagonal(far, NEAR)
+    np.fill_diagonal(far, REFERENCE_DISTANCE)
     ways = np.zeros((14, 14))
     far[5, 6], ways[5, 6] = distance, along
     return Conduction(sources, far, ways)
@@ -291,10 +297,12 @@ def test_tissue_filters_with_the_published_law_and_delays_along_the_fibre() -> N
     frequency = np.array([0.0, 40.0, 150.0, 400.0])
     transfer = one_source(0.012, 0.016).transfer(frequency)[5, 6]
     wave = 2 * np.pi * frequency[1:] / VELOCITY
-    np.testing.assert_allclose(np.abs(transfer[1:]), k0(wave * 0.012) / k0(wave * NEAR), rtol=1e-12)
+    np.testing.assert_allclose(
+        np.abs(transfer[1:]), k0(wave * 0.012) / k0(wave * REFERENCE_DISTANCE), rtol=1e-12
+    )
     delay = -np.angle(transfer[1]) / (2 * np.pi * 40.0)
     assert delay == pytest.approx(0.016 / VELOCITY) and transfer[0] == 0.0
-    near = one_source(0.5 * NEAR, 0.0).transfer(frequency)[5, 6]
+    near = one_source(0.5 * REFERENCE_DISTANCE, 0.0).transfer(frequency)[5, 6]
     np.testing.assert_allclose(near[1:], 1.0)  # nothing is amplified
 
 

@@ -13,20 +13,20 @@ from emgface.face.landmarks import ring_of_nodes
 from emgface.face.parts import FREE, INNER, MANDIBLE, OUTER, SKULL
 from emgface.face.quality import element_quality
 from emgface.face.surface import boundary_faces
-from emgface.face.template import PRESETS, preset_measures, random_measures, template_face
+from emgface.face.template import GROUP_PRESETS, preset_measures, random_measures, template_face
 from emgface.face.template.build import node_positions, shaped_positions
 from emgface.face.template.calibrate import calibrated_surfaces
-from emgface.face.template.grid import RAYS_PER_STEP, RESOLUTIONS, make_grid, refined_grid
+from emgface.face.template.grid import FACE_RESOLUTIONS, RAYS_PER_STEP, make_grid, refined_grid
 from emgface.muscles import FACE_MARKERS, LIP_MARKERS
 from tests.template.conftest import sheets
 
 MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
-@pytest.mark.parametrize("resolution", [*RESOLUTIONS, 450, 1200, 20_000])
+@pytest.mark.parametrize("resolution", [*FACE_RESOLUTIONS, 450, 1200, 20_000])
 def test_number_of_elements(resolution: str | int) -> None:
     grid = make_grid(resolution)
-    wanted = RESOLUTIONS[resolution] if isinstance(resolution, str) else resolution
+    wanted = FACE_RESOLUTIONS[resolution] if isinstance(resolution, str) else resolution
     assert len(grid.connectivity) == pytest.approx(wanted, rel=0.12)
     assert grid.rays % RAYS_PER_STEP == 0
     if isinstance(resolution, str):
@@ -222,7 +222,7 @@ def test_file_round_trip(tmp_path) -> None:
     xr.testing.assert_identical(load_face(save_face(made, tmp_path / "face.nc")), made)
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", GROUP_PRESETS)
 @pytest.mark.parametrize("resolution", ["coarse", "fine"])
 def test_presets_have_valid_elements(preset: str, resolution: str) -> None:
     grid = make_grid(resolution)
@@ -238,7 +238,7 @@ def test_volunteers_have_valid_elements(resolution: str, n: int) -> None:
     grid = make_grid(resolution)
     worst = np.empty(n)
     for k in range(n):
-        preset = list(PRESETS)[k % len(PRESETS)]
+        preset = list(GROUP_PRESETS)[k % len(GROUP_PRESETS)]
         position = shaped_positions(random_measures(k, preset=preset, asymmetry=1.0), grid)
         quality = element_quality(position, grid.connectivity)
         assert quality.smallest_det.min() > 0, (k, preset)

@@ -8,7 +8,7 @@ import pytest
 from emgface.errors import FaceError
 from emgface.face.template import Measures, build, norms_table, parse_measures, template_face
 from emgface.face.template.calibrate import (
-    TOLERANCE,
+    MEASURE_TOLERANCE,
     calibrated_surfaces,
     surface_measures,
 )
@@ -134,7 +134,7 @@ def test_bad_settings(texts: list[str], message: str) -> None:
 def test_surface_has_the_measures(changes: dict[str, float]) -> None:
     wanted = Measures(**changes)
     for name, value in surface_measures(calibrated_surfaces(wanted)).items():
-        assert value == pytest.approx(getattr(wanted, name), abs=TOLERANCE), name
+        assert value == pytest.approx(getattr(wanted, name), abs=MEASURE_TOLERANCE), name
 
 
 def test_mesh_has_the_measures() -> None:
@@ -143,13 +143,13 @@ def test_mesh_has_the_measures() -> None:
     skin = sheets(face)[:, :, 3]
     quarter, half = len(skin) // 4, len(skin) // 2
     corners = skin[quarter, 0], skin[-quarter, 0]
-    assert np.linalg.norm(corners[0] - corners[1]) == pytest.approx(0.050, abs=TOLERANCE)
+    assert np.linalg.norm(corners[0] - corners[1]) == pytest.approx(0.050, abs=MEASURE_TOLERANCE)
     gap = skin[0, 0] - skin[half, 0]
-    assert gap[2] == pytest.approx(0.004, abs=TOLERANCE)
+    assert gap[2] == pytest.approx(0.004, abs=MEASURE_TOLERANCE)
     assert np.ptp(skin[..., 0]) == pytest.approx(Measures().face_width, abs=0.5e-3)
     assert -skin[..., 2].min() == pytest.approx(Measures().chin_height, abs=0.5e-3)
     assert skin[0, -1, 2] - Measures().upper_lip_height == pytest.approx(
-        Measures().nose_height, abs=2 * TOLERANCE
+        Measures().nose_height, abs=2 * MEASURE_TOLERANCE
     )
 
 

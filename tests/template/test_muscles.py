@@ -13,12 +13,12 @@ from emgface.face.template import Measures, muscles, template_face
 from emgface.face.template.calibrate import calibrated_surfaces
 from emgface.face.template.courses import MODIOLUS, courses
 from emgface.face.template.grid import make_grid
-from emgface.face.template.muscles import RINGS, Ring, parse_ring
+from emgface.face.template.muscles import RING_MUSCLES, Ring, parse_ring
 from emgface.face.template.outline import PERIORAL, VERMILION
 from emgface.muscles import MODELLED, SIDES
 
 MIRROR = np.array([-1.0, 1.0, 1.0])
-RAYS = [muscle for muscle in MODELLED if muscle not in RINGS]
+RAYS = [muscle for muscle in MODELLED if muscle not in RING_MUSCLES]
 
 
 def test_both_sides_mirror_bit_by_bit(medium: xr.Dataset) -> None:
@@ -136,8 +136,8 @@ def test_rings_are_whole_rings(fine: xr.Dataset) -> None:
         assert len(np.unique(element)) == len(element) == len(layers) * grid.rays * len(rings)
         assert set(ring[element]) == set(rings) and set(grid.layer[element]) == layers
         assert len(set(ray[element])) == grid.rays
-    assert RINGS["OOM"].inner == 0.0 and RINGS["OOM"].outer == VERMILION
-    assert RINGS["OOP"].outer == PERIORAL
+    assert RING_MUSCLES["OOM"].inner == 0.0 and RING_MUSCLES["OOM"].outer == VERMILION
+    assert RING_MUSCLES["OOP"].outer == PERIORAL
 
 
 @pytest.mark.parametrize(

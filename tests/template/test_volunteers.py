@@ -8,7 +8,7 @@ import xarray as xr
 
 from emgface.errors import FaceError
 from emgface.face.template import (
-    PRESETS,
+    GROUP_PRESETS,
     Measures,
     preset_measures,
     random_measures,
@@ -27,7 +27,7 @@ def test_presets() -> None:
     older = preset_measures("older_woman")
     assert older.upper_lip_height > woman.upper_lip_height
     assert older.upper_vermilion_height < woman.upper_vermilion_height
-    assert all(len(text) > 10 for text in PRESETS.values())
+    assert all(len(text) > 10 for text in GROUP_PRESETS.values())
 
 
 def test_unknown_preset_and_spread() -> None:

@@ -14,7 +14,13 @@ from emgface.run.store import Store
 from emgface.treatment import dose, jobs
 from emgface.treatment.dose_figure import dose_figure
 from emgface.treatment.motions import compared_motions, gestures
-from emgface.treatment.outcomes import CLOSED, LIPS, OUTCOMES, TRACT, formant_of_lips
+from emgface.treatment.outcomes import (
+    CLOSED_AREA,
+    OUTCOMES,
+    TRACT,
+    TRACT_LIP_LENGTH,
+    formant_of_lips,
+)
 from emgface.treatment.plan import Plan
 from sim.errors import InvertedElement, NotConverged, SceneError
 
@@ -66,7 +72,7 @@ def test_changes_are_from_the_same_person_and_draw(table):
 
 def test_the_cube_has_every_axis_and_its_reasons(table):
     cube = dose.cube_of(table, SETTING)
-    assert cube["after"].dims == (*dose.AXES, "outcome")
+    assert cube["after"].dims == (*dose.COMPARISONS, "outcome")
     one = cube.sel(person=2, draw=0, shape="W", share=0.4, place=0.5, rejoin="all")
     assert float(one["after"].sel(outcome="mouth width")) == pytest.approx(48.0)
     assert str(one["end"].values) == "refused: too wide"
@@ -161,7 +167,7 @@ def test_draws_differ_and_the_default_has_none():
     seed = SETTING.seed
     one, two = dose.drawn_persons(1, seed), dose.drawn_persons(2, seed)
     assert one != two and dose.drawn_persons(1, seed) == one
-    for name, (low, high) in dose.DRAWN.items():
+    for name, (low, high) in dose.DRAWN_RANGES.items():
         assert low <= one[name] <= high
     plan = dose.plan_of(dose.Case(1, 1, "V", 0.2), SETTING, 50e-3)
     change, wedge = plan.step
@@ -175,11 +181,11 @@ def test_draws_differ_and_the_default_has_none():
 def test_open_lips_have_the_formant_of_their_tube_and_closed_ones_none():
     """Within 10 % of the tube without losses, whose walls do not yield; rounding lowers it."""
     for share in (1.0, 0.3):
-        cells = np.append(np.full(round(TRACT[0] / LIPS), TRACT[1]), share * TRACT[1])
-        ideal = lossless_formants(cells, len(cells) * LIPS)[0]
+        cells = np.append(np.full(round(TRACT[0] / TRACT_LIP_LENGTH), TRACT[1]), share * TRACT[1])
+        ideal = lossless_formants(cells, len(cells) * TRACT_LIP_LENGTH)[0]
         assert formant_of_lips(share * TRACT[1]) == pytest.approx(ideal, rel=0.1)
     assert formant_of_lips(0.2 * TRACT[1]) < 0.9 * formant_of_lips(TRACT[1])
-    assert np.isnan(formant_of_lips(0.5 * CLOSED))
+    assert np.isnan(formant_of_lips(0.5 * CLOSED_AREA))
 
 
 def test_an_interrupted_comparison_continues(coarse, tmp_path, monkeypatch):

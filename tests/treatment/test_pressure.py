@@ -155,7 +155,7 @@ def test_soft_lips_close_and_hold_a_pressure_by_shorter_steps():
     """An untreated person whose tissue is soft, without an equilibrium at the first fifth at once."""
     face = volunteer_face(2026, 2, resolution="coarse")[0]
     p = dose.DoseSetting().parameters()
-    softness = dose.DRAWN["stiffness"][0]
+    softness = dose.DRAWN_RANGES["stiffness"][0]
     soft = ef.treat(face, {"step": [{"kind": "change", "stiffness": softness}]})
     result = pressure_held(soft, p, step=800.0)
     assert result.closed and result.parted and 800.0 < result.pressure < 12000.0

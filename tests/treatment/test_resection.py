@@ -110,7 +110,7 @@ def test_deviation_of_a_resected_jaw_grows_with_its_scar_at_equal_gape():
 def test_a_resected_jaw_has_its_mass_in_the_bone_that_remains():
     from emgface.anatomy.jaw.template import template_jaw
     from emgface.treatment.plan import Resection
-    from emgface.treatment.resection import CUT, resect
+    from emgface.treatment.resection import ANTERIOR_CUT, resect
 
     jaw = template_jaw()
     treated, attributes = resect(jaw, Resection(side="left"))
@@ -125,5 +125,5 @@ def test_a_resected_jaw_has_its_mass_in_the_bone_that_remains():
     np.testing.assert_array_equal(plate["body_centre"], jaw["body_centre"])
     number = list(map(str, treated["body"].values)).index("jaw")
     bone = treated["surface_position"].values[treated["surface_body"].values == number]
-    limit = CUT * float(jaw["point_position"].sel(point="bite_L", axis="x"))
+    limit = ANTERIOR_CUT * float(jaw["point_position"].sel(point="bite_L", axis="x"))
     assert bone[:, 0].min() == pytest.approx(limit)  # the bone ends at the cut

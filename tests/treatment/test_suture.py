@@ -11,7 +11,7 @@ from emgface.pictures.body import body_of, make_body, skin_of
 from emgface.pictures.page import face_page, motion_page
 from emgface.pictures.picking import LIPS, pick_data
 from emgface.pictures.surface import SurfaceProbe, with_surface
-from emgface.pictures.suture import STITCH, WORDS
+from emgface.pictures.suture import STITCH, SUTURE_SENTENCE
 from emgface.report.results import Results
 from emgface.report.write import _of_treatment
 from emgface.study.configuration import FaceConfiguration
@@ -36,7 +36,7 @@ def test_a_picture_of_a_treated_face_shows_its_suture(coarse, operated):
     low, high = (np.array(colour) for colour in STITCH)
     share = (body.colour[changed] - low) @ (high - low) / ((high - low) ** 2).sum()
     assert 0.0 <= share.min() < 0.5 < share.max() <= 1.0
-    assert WORDS in face_page(operated) and WORDS not in face_page(coarse)
+    assert SUTURE_SENTENCE in face_page(operated) and SUTURE_SENTENCE not in face_page(coarse)
     own = skin_of(coarse)
     intact = make_body(coarse["position"].values[own.node], own, arches_of(coarse))
     np.testing.assert_array_equal(body_of(coarse).colour, intact.colour)

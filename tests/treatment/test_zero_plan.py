@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import emgface as ef
 from emgface.api.given import study_of
-from emgface.cli import LISTED, app
+from emgface.cli import LISTED_COMMANDS, app
 from emgface.face.file import load_face, save_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.parameters import InverseParameters
@@ -146,7 +146,7 @@ NO_FACE = (
 def test_every_kind_of_step_and_every_command_is_classified():
     kinds = {one.model_fields["kind"].default for one in get_args(get_args(Step)[0])}
     assert kinds == {*ZERO, *NONE}
-    verbs = {verb for verbs in LISTED.values() for verb, *_ in verbs}
+    verbs = {verb for verbs in LISTED_COMMANDS.values() for verb, *_ in verbs}
     assert verbs == {*CONSUMERS, *BY_MOTION, *NO_FACE}
 
 

@@ -20,7 +20,7 @@ from emgface.reduced.motion import simulate_reduced
 from emgface.run.store import Store
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.view.curves import Curves
-from emgface.view.edited import OUTPUT, EditedMotion
+from emgface.view.edited import EDITED_OUTPUT, EditedMotion
 from emgface.view.motions import Motions
 from emgface.view.scored import correlations
 from sim import Activation, compile_scene
@@ -81,11 +81,11 @@ BASE = {
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "cubic"])
-@pytest.mark.parametrize("step", [0.01, OUTPUT, 2 * OUTPUT])
+@pytest.mark.parametrize("step", [0.01, EDITED_OUTPUT, 2 * EDITED_OUTPUT])
 def test_a_motion_branches_from_the_last_frame_bit_for_bit(small, interpolation, step):
     """Whatever changes: a late knot, an early one, the duration, nothing; also of previews."""
     reduced, skin, _ = small
-    one = Motions(reduced, skin, OUTPUT, step)
+    one = Motions(reduced, skin, EDITED_OUTPUT, step)
     late = {**BASE, "OOP_R": [[0.0, 0.0], [0.45, 0.0], [0.5, 0.08]]}
     early = {**BASE, "ZYG_L": [[0.0, 0.0], [0.3, 0.12], [0.6, 0.0]]}
     since = []
@@ -93,7 +93,7 @@ def test_a_motion_branches_from_the_last_frame_bit_for_bit(small, interpolation,
                             (early, 0.6)):  # fmt: skip
         curves = Curves(knots, duration, interpolation)
         branched = one(curves)
-        whole = Motions(reduced, skin, OUTPUT, step)(curves)
+        whole = Motions(reduced, skin, EDITED_OUTPUT, step)(curves)
         assert whole.since == 0.0
         since.append(branched.since)
         for name in ("time", "skin", "markers", "coordinates", "levels", "bound"):
@@ -112,14 +112,14 @@ def test_a_face_in_contact_branches_bit_for_bit(small):
     touching = replace(reduced)
     touching.__dict__["contact"] = ReducedContact(whole, reduced.rest, modes)
     late = {**BASE, "OOP_R": [[0.0, 0.0], [0.45, 0.0], [0.5, 0.08]]}
-    one = Motions(touching, skin, OUTPUT, 0.01)
+    one = Motions(touching, skin, EDITED_OUTPUT, 0.01)
     one(Curves(BASE, 0.6))
     branched = one(Curves(late, 0.6))
-    whole = Motions(touching, skin, OUTPUT, 0.01)(Curves(late, 0.6))
+    whole = Motions(touching, skin, EDITED_OUTPUT, 0.01)(Curves(late, 0.6))
     assert branched.since > 0.39 and IMPULSES in one._states[-1].memory
     np.testing.assert_array_equal(branched.coordinates, whole.coordinates)
     np.testing.assert_array_equal(branched.markers, whole.markers)
-    apart = Motions(reduced, skin, OUTPUT, 0.01)(Curves(late, 0.6)).coordinates
+    apart = Motions(reduced, skin, EDITED_OUTPUT, 0.01)(Curves(late, 0.6)).coordinates
     assert not np.array_equal(whole.coordinates, apart)
 
 
@@ -189,21 +189,21 @@ def test_curves_are_the_same_only_with_equal_knots_and_times():
         assert not one.same(other) and not other.same(one)
 
 
-@pytest.mark.parametrize("step", [0.01, 2 * OUTPUT])
+@pytest.mark.parametrize("step", [0.01, 2 * EDITED_OUTPUT])
 def test_a_motion_is_that_of_the_reduced_face(small, step):
     """At the ends of its steps; previews have the mean of two steps between them."""
     reduced, skin, _ = small
     late = {**BASE, "OOP_R": [[0.0, 0.0], [0.45, 0.0], [0.5, 0.08]]}
-    motions = Motions(reduced, skin, OUTPUT, step)
+    motions = Motions(reduced, skin, EDITED_OUTPUT, step)
     for knots, duration in ((BASE, 0.6), (late, 0.6), (late, 0.82), (late, 0.1)):
         curves = Curves(knots, duration)
-        motion, frames = motions(curves), round(duration / OUTPUT) + 1
-        np.testing.assert_allclose(motion.time, OUTPUT * np.arange(frames))
+        motion, frames = motions(curves), round(duration / EDITED_OUTPUT) + 1
+        np.testing.assert_allclose(motion.time, EDITED_OUTPUT * np.arange(frames))
         activation = Activation(*curves.activation(reduced.model.system.muscles))
-        every = 2 if step > OUTPUT else 1
+        every = 2 if step > EDITED_OUTPUT else 1
         count = (frames - 1) // every
         expected = simulate_reduced(
-            reduced, activation, count * every * OUTPUT, step=step, output=every * OUTPUT,
+            reduced, activation, count * every * EDITED_OUTPUT, step=step, output=every * EDITED_OUTPUT,
             further=(SurfaceProbe(skin.node),),
         )  # fmt: skip
         for values, name, node in ((motion.markers, "position", "marker"),

@@ -17,7 +17,7 @@ from emgface.muscles import CHANNELS, MUSCLES
 from emgface.pictures.encoding import QUANTUM
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.view.curves import Curves
-from emgface.view.live import HEAD, STILL, Semg, frame_of
+from emgface.view.live import FRAME_NUMBERS, STILL_SENTENCE, Semg, frame_of
 from emgface.view.moving import FullMoving
 from tests.view.sessions import STEP, Asking, Page, Shifted, Waiting, session_of
 
@@ -139,7 +139,7 @@ def test_pages_receive_the_newest_frame_after_they_have_drawn(coarse, skin):
         one.join(5.0)
     assert len(page.received) == 1  # the page never said that it had drawn
     (frame,) = page.received
-    size = 4 * (len(HEAD) + 20) + 6 * (len(skin.node) + coarse.sizes["marker"])
+    size = 4 * (len(FRAME_NUMBERS) + 20) + 6 * (len(skin.node) + coarse.sizes["marker"])
     assert len(frame) == size
 
 
@@ -165,10 +165,13 @@ def test_a_frame_contains_the_positions(coarse, skin):
     moving, centre = Shifted(coarse, skin), np.array([0.01, 0.02, 0.03])
     activation = np.linspace(0.0, 1.0, 20)
     moved = moving(activation)
-    frame = frame_of(np.arange(len(HEAD), dtype=float), activation, moved, centre)
-    numbers = np.frombuffer(frame[: 4 * (len(HEAD) + 20)], "<f4")
-    np.testing.assert_allclose(numbers[len(HEAD) :], activation, atol=1e-7)
-    points = QUANTUM * np.frombuffer(frame[4 * (len(HEAD) + 20) :], "<i2").reshape(-1, 3) + centre
+    frame = frame_of(np.arange(len(FRAME_NUMBERS), dtype=float), activation, moved, centre)
+    numbers = np.frombuffer(frame[: 4 * (len(FRAME_NUMBERS) + 20)], "<f4")
+    np.testing.assert_allclose(numbers[len(FRAME_NUMBERS) :], activation, atol=1e-7)
+    points = (
+        QUANTUM * np.frombuffer(frame[4 * (len(FRAME_NUMBERS) + 20) :], "<i2").reshape(-1, 3)
+        + centre
+    )
     np.testing.assert_allclose(points[: len(skin.node)], moved.skin, atol=QUANTUM)
     np.testing.assert_allclose(points[len(skin.node) :], moved.markers, atol=QUANTUM)
 
@@ -241,7 +244,7 @@ def test_other_pages_hear_why_the_face_stands_still(coarse, skin):
             thread.join(10.0)
         worker.join(10.0)
         texts = [json.loads(m)["text"] for m in pages[0].received if isinstance(m, str)]
-        assert texts == ([STILL] if others else [])
+        assert texts == ([STILL_SENTENCE] if others else [])
 
 
 @pytest.mark.parametrize("message", ["still", "curves"])

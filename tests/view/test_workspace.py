@@ -11,7 +11,7 @@ import pytest
 
 from emgface.errors import ConfigurationError, DataError
 from emgface.muscles import MUSCLES
-from emgface.view.workspace import CURVES, LONGEST, NOTES, RECIPE, Workspace
+from emgface.view.workspace import CURVES_FILE, LONGEST_NOTES, NOTES, RECIPE, Workspace
 
 SAID = {
     "curves": {
@@ -48,7 +48,7 @@ def test_a_workspace_opens_elsewhere_with_the_same_content(files, saved, tmp_pat
     assert workspace.curves.duration == 0.8 and workspace.curves.interpolation == "cubic"
     np.testing.assert_array_equal(workspace.curves.knots["ZYG_L"], SAID["curves"]["knots"]["ZYG_L"])
     assert str(tmp_path) not in (saved / RECIPE).read_text()  # no path
-    assert {p.name for p in saved.iterdir()} == {RECIPE, CURVES, NOTES}
+    assert {p.name for p in saved.iterdir()} == {RECIPE, CURVES_FILE, NOTES}
 
 
 def test_other_data_are_refused_by_digest(files, saved, tmp_path):
@@ -78,7 +78,7 @@ def test_other_data_are_refused_by_digest(files, saved, tmp_path):
         ({"view": {"yaw": "0"}}, "yaw of the message"),
         ({"view": {"path": 1.0}}, "no view"),
         ({"view": None}, "no view"),
-        ({"notes": "x" * (LONGEST + 1)}, "no text"),
+        ({"notes": "x" * (LONGEST_NOTES + 1)}, "no text"),
         ({"notes": ["x"]}, "no text"),
         ({"notes": "\ud800"}, "no valid character"),
     ],
@@ -100,8 +100,8 @@ def test_messages_that_a_page_must_not_send_change_nothing(files, saved, change,
         (RECIPE, "version = 1\ncode = 'x'\n", "contains 'code'"),
         (RECIPE, "version = 1\ndata = 3\n", "without a file for 'face'"),
         (RECIPE, "a = [", "TOML"),
-        (CURVES, "muscle,time,value\n<b>,0,0\n<b>,1,0\n", "no muscle <b>"),
-        (NOTES, "x" * (LONGEST + 1), "no text"),
+        (CURVES_FILE, "muscle,time,value\n<b>,0,0\n<b>,1,0\n", "no muscle <b>"),
+        (NOTES, "x" * (LONGEST_NOTES + 1), "no text"),
         (NOTES, bytes(range(256)), "contains no text"),
         (NOTES, None, "contains no text"),
     ],
@@ -124,7 +124,7 @@ def test_a_folder_with_other_files_is_left_alone(files, tmp_path):
     assert [p.name for p in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
 
 
-@pytest.mark.parametrize("name", [RECIPE, CURVES, NOTES])
+@pytest.mark.parametrize("name", [RECIPE, CURVES_FILE, NOTES])
 def test_links_in_a_folder_from_somebody_else_are_not_followed(files, saved, tmp_path, name):
     secret = tmp_path / "secret"
     (saved / name).rename(secret)

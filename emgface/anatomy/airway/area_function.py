@@ -11,8 +11,8 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from emgface.acoustics import SMALLEST
-from emgface.anatomy.airway.parameters import LIPS, TractParameters
+from emgface.acoustics import CLOSURE_AREA
+from emgface.anatomy.airway.parameters import LIP_SECTION_LENGTH, TractParameters
 from emgface.anatomy.airway.sections import centre_line, sections
 from emgface.errors import DataError, listed
 from emgface.face.artisynth_contact import read_obj
@@ -28,15 +28,15 @@ IDEAL: Final = {
 }
 """Tubes (length [m], area [cm^2]) from the glottis to the lips, idealised by this package: two or three
 cavities of the size of an adult's, as textbooks draw them. They are no person's measures."""
-STEP: Final = 0.005
+SECTION_LENGTH: Final = 0.005
 """Length of a section of the idealised vowels [m]."""
 SECTION: Final = 0.0025
 """Length of the sections of tubes whose parts move [m]."""
-LEAST: Final = 1e-3
+SHORTEST_LIPS: Final = 1e-3
 """Length to which lips can be retracted [m]."""
-UNITS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+SURFACE_UNITS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 """Units of surfaces [m]."""
-FRAME: Final = 0.01
+FRAME_INTERVAL: Final = 0.01
 """Time between the instants to which the frames of a trajectory are interpolated [s]."""
 TUBE_ONLY: Final = (
     "waves are one-dimensional (valid to 4-5 kHz); piriform sinuses, side branches and turbulence in "
@@ -73,11 +73,11 @@ def ideal_vowel(name: str) -> xr.Dataset:
     """
     if name not in IDEAL:
         raise DataError(f"unknown vowel {name!r}, expected {listed(IDEAL)}, or a table of areas")
-    counts = [round(length / STEP) for length, _ in IDEAL[name]]
+    counts = [round(length / SECTION_LENGTH) for length, _ in IDEAL[name]]
     areas = np.repeat([1e-4 * area for _, area in IDEAL[name]], counts)
     description = f"idealised vowel {name!r}, no person's measures"
     return area_function(
-        areas[None], np.array([STEP * len(areas)]), np.zeros(1), assumptions=description
+        areas[None], np.array([SECTION_LENGTH * len(areas)]), np.zeros(1), assumptions=description
     )
 
 
@@ -148,11 +148,13 @@ def areas_of_surface(
     mm); without `end`, the centre line goes to the farthest point of the surface. Raises DataError
     if the file cannot be read, the unit is unknown, or no tube surrounds the line.
     """
-    if unit not in UNITS:
-        raise DataError(f"unknown unit {unit!r}, expected {listed(UNITS)}")
+    if unit not in SURFACE_UNITS:
+        raise DataError(f"unknown unit {unit!r}, expected {listed(SURFACE_UNITS)}")
     position, triangle = read_obj(path)
-    position = UNITS[unit] * position
-    first, last = (None if at is None else UNITS[unit] * np.array(at) for at in (start, end))
+    position = SURFACE_UNITS[unit] * position
+    first, last = (
+        None if at is None else SURFACE_UNITS[unit] * np.array(at) for at in (start, end)
+    )
     assert first is not None, "start is specified"
     line = centre_line(position, triangle, first, end=last, levels=2 * count)
     cuts = sections(position, triangle, line, count=count)
@@ -184,7 +186,7 @@ def equal_sections(
     total = length.sum(axis=1)
     n = count or max(2, round(float(total.max()) / SECTION))
     edge = np.linspace(0.0, 1.0, n + 1)[None] * total[:, None]
-    inertia = np.cumsum(length / np.maximum(area, SMALLEST), axis=1)
+    inertia = np.cumsum(length / np.maximum(area, CLOSURE_AREA), axis=1)
     own = np.cumsum(length, axis=1)
     sums = [
         np.interp(at, np.append(0.0, x), np.append(0.0, y))
@@ -194,7 +196,12 @@ def equal_sections(
 
 
 def with_lips(
-    tract: xr.Dataset, area: Floats, protrusion: Floats, time: Floats, *, lips: float = LIPS
+    tract: xr.Dataset,
+    area: Floats,
+    protrusion: Floats,
+    time: Floats,
+    *,
+    lips: float = LIP_SECTION_LENGTH,
 ) -> xr.Dataset:
     """Put moving lips in front of a tract that does not move.
 
@@ -224,7 +231,7 @@ def with_lips(
     own = np.linspace(0.0, L, len(given) + 1)
     behind = np.diff(np.minimum(own, L - lips))
     parts = np.hstack([np.tile(given, (len(time), 1)), area[:, None]])
-    front = np.maximum(lips + protrusion, LEAST)[:, None]
+    front = np.maximum(lips + protrusion, SHORTEST_LIPS)[:, None]
     ways = np.hstack([np.tile(behind, (len(time), 1)), front])
     areas, total = equal_sections(parts, ways, count=max(len(given), round(L / SECTION)))
     description = (
@@ -236,8 +243,9 @@ def with_lips(
 def lips_of_trial(trajectory: xr.Dataset) -> tuple[Floats, Floats, Floats]:
     """Area between the lips [m^2], protrusion of their margins [m] and time [s] of a trajectory.
 
-    Outputs that are farther apart than `FRAME` are interpolated by monotone cubics, because corners
-    of a piecewise linear opening would be heard as clicks. Raises DataError without ``mouth_area``.
+    Outputs that are farther apart than `FRAME_INTERVAL` are interpolated by monotone cubics,
+    because corners of a piecewise linear opening would be heard as clicks. Raises DataError without
+    ``mouth_area``.
     """
     names = ("mouth_area", "lip_protrusion")
     if any(name not in trajectory for name in names):
@@ -247,7 +255,7 @@ def lips_of_trial(trajectory: xr.Dataset) -> tuple[Floats, Floats, Floats]:
         )
     at = np.asarray(trajectory["time"].values, np.float64)
     pair = np.stack([np.asarray(trajectory[name].values, np.float64) for name in names], axis=1)
-    if len(at) > 1 and float(np.diff(at).max()) > FRAME:
-        time = np.linspace(at[0], at[-1], round((at[-1] - at[0]) / FRAME) + 1)
+    if len(at) > 1 and float(np.diff(at).max()) > FRAME_INTERVAL:
+        time = np.linspace(at[0], at[-1], round((at[-1] - at[0]) / FRAME_INTERVAL) + 1)
         at, pair = time, np.asarray(PchipInterpolator(at, pair, axis=0)(time))
     return np.maximum(pair[:, 0], 0.0), pair[:, 1], at

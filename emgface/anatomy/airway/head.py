@@ -22,25 +22,25 @@ from emgface.face.surface import boundary_faces, triangles
 Surface = tuple[Floats, Integers]
 """Points (n, 3) and triangles (m, 3)."""
 
-DEPTH: Final = 12e-3
+PHARYNX_DEPTH: Final = 12e-3
 """Distance from the back of the tongue at rest to the wall of the pharynx [m]; about 1 to 1.5 cm in
 adults, as commonly quoted. The head has no pharynx: this wall does not move."""
 HALF_WIDTH: Final = 13e-3
-"""Half the width of the pharynx behind the tongue [m]; the wall is half an ellipse of `DEPTH`. Along
-the velum the width increases to that of the palate."""
+"""Half the width of the pharynx behind the tongue [m]; the wall is half an ellipse of
+`PHARYNX_DEPTH`. Along the velum the width increases to that of the palate."""
 VELUM: Final = 30e-3
-"""Length of the soft palate [m], over which the distance increases from that of the palate to `DEPTH`;
-the velum is closed."""
-LARYNX: Final = (0.02, 0.5e-4)
+"""Length of the soft palate [m], over which the distance increases from that of the palate to
+`PHARYNX_DEPTH`; the velum is closed."""
+LARYNX_TUBE: Final = (0.02, 0.5e-4)
 """Length [m] and area [m^2] of the tube above the glottis, of the size of adults."""
 GLOTTIS: Final = 12e-3
 """Distance of the middle of the glottis behind the point of the thyroid cartilage [m]."""
-FLOOR: Final = 8e-3
+FLOOR_DEPTH: Final = 8e-3
 """Depth of the mouth below the tongue at rest where there is neither tongue nor teeth [m]."""
 TEETH_GAP: Final = 0.1e-4
 """Area between closed teeth [m^2]; air passes between and around them."""
 ARCH: Final = 25e-3  #: height within which the palate belongs to the plane through its midline [m]
-STATIONS, SAMPLES = 28, 61
+TRACT_PLANES, POSITIONS_ACROSS = 28, 61
 """Planes between the larynx and the incisors, and positions across each."""
 NEEDED: Final = ("face", "jaw", "tongue")
 
@@ -73,14 +73,14 @@ class TractGrid:
         past = (inner[:, 0] > vault[0, 0]) & (inner[:, 1] > 0.0)
         behind = inner[: int(np.argmax(past))]
         share = _length(vault)[-1] / (_length(vault)[-1] + _length(behind)[-1])
-        ahead = round(STATIONS * share)
-        behind, vault = _even(behind, STATIONS - ahead), _even(vault, ahead)
+        ahead = round(TRACT_PLANES * share)
+        behind, vault = _even(behind, TRACT_PLANES - ahead), _even(vault, ahead)
         along = np.gradient(behind, axis=0)
         normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         near = float(np.linalg.norm(vault[0] - behind[-1]))
         way_back = _length(behind)[-1] - _length(behind)
-        off = near + (DEPTH - near) * np.minimum(way_back / VELUM, 1.0)
+        off = near + (PHARYNX_DEPTH - near) * np.minimum(way_back / VELUM, 1.0)
         dorsum = inner[int(np.argmax(past)) :]
         under = np.minimum(vault[:, 0], dorsum[-1, 0])
         height = np.interp(under, dorsum[:, 0], dorsum[:, 1])
@@ -93,12 +93,12 @@ class TractGrid:
         middle = np.concatenate([glottis[None], 0.5 * (outer + below)])
         way = np.linalg.norm(np.diff(middle, axis=0), axis=1)
         front = max(float(incisor[0] - middle[-1, 0]), 1e-3)
-        before = np.append(way[0] - LARYNX[0], 0.5 * way[1:])
+        before = np.append(way[0] - LARYNX_TUBE[0], 0.5 * way[1:])
         around = before + np.append(0.5 * way[1:], front)
         arch = palate.points[palate.points[:, 1] < vault[0, 0] + 1e-3, 0].max() - HALF_WIDTH
         width = HALF_WIDTH + arch * np.maximum(1.0 - way_back / VELUM, 0.0)
         width = np.append(width, np.zeros(ahead))
-        return cls(outer, below, width, np.append(LARYNX[0], around), float(incisor[0]))
+        return cls(outer, below, width, np.append(LARYNX_TUBE[0], around), float(incisor[0]))
 
     def areas(self, palate: Surface, teeth: Surface, tongue: Surface) -> Floats:
         """Areas (k,) of the planes [m^2], between palate or pharynx and tongue or lower teeth."""
@@ -113,18 +113,18 @@ class TractGrid:
                 roof = _cut(palate, origin, normal) - origin
                 roof = roof[(roof @ down < ARCH).all(axis=1)]  # not where the plane meets it again
                 width = float(np.abs(roof[..., 0]).max())
-                x = np.linspace(-width, width, SAMPLES) * (1.0 - 1e-9)
+                x = np.linspace(-width, width, POSITIONS_ACROSS) * (1.0 - 1e-9)
                 top = -_nearest(roof[..., 0], -(roof @ down), x)
             else:
-                x = np.linspace(-width, width, SAMPLES)
-                top = min(reach, DEPTH) * (1.0 - np.sqrt(1.0 - (x / width) ** 2))
-            bottom = np.full(SAMPLES, np.inf)
+                x = np.linspace(-width, width, POSITIONS_ACROSS)
+                top = min(reach, PHARYNX_DEPTH) * (1.0 - np.sqrt(1.0 - (x / width) ** 2))
+            bottom = np.full(POSITIONS_ACROSS, np.inf)
             for surface in (tongue, teeth):
                 cut = _cut(surface, origin, normal) - origin
                 bottom = np.minimum(bottom, _nearest(cut[..., 0], cut @ down, x))
-            bottom[np.isinf(bottom)] = reach + FLOOR
+            bottom[np.isinf(bottom)] = reach + FLOOR_DEPTH
             gap = np.where(np.isfinite(top), np.maximum(bottom - top, 0.0), 0.0)
-            area[k] = float(gap.sum() * 2.0 * width / (SAMPLES - 1))
+            area[k] = float(gap.sum() * 2.0 * width / (POSITIONS_ACROSS - 1))
         return area
 
 
@@ -171,7 +171,7 @@ def head_tract(head: Head, motion: xr.Dataset | None = None) -> xr.Dataset:
         bite = (shells["maxilla"].points, shells["maxilla"].triangles), teeth
         opening, forward = mouth.measure(lips)
         margin = float(mouth.rest[:, 1].mean()) - grid.front
-        own = [LARYNX[1], *inside, max(_bite(*bite, grid.front), TEETH_GAP), opening]
+        own = [LARYNX_TUBE[1], *inside, max(_bite(*bite, grid.front), TEETH_GAP), opening]
         areas.append(np.array(own))
         lengths.append(np.array([*grid.way, 2e-3, margin + forward]))
     description = (

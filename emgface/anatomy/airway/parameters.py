@@ -5,7 +5,7 @@ from typing import Final, Literal
 
 from emgface.choices import Parameters, choice, positive
 
-LIPS: Final = 0.01
+LIP_SECTION_LENGTH: Final = 0.01
 """Length of the lips' section at rest, behind the plane of the lips [m]."""
 
 
@@ -16,4 +16,6 @@ class TractParameters(Parameters):
     areas: Path | None = choice(
         None, "Area function (CSV or netCDF) used instead of the vowel; relative to this file."
     )
-    lips: float = positive(LIPS, "Length of the lips' section at rest.", unit="m", le=0.03)
+    lips: float = positive(
+        LIP_SECTION_LENGTH, "Length of the lips' section at rest.", unit="m", le=0.03
+    )

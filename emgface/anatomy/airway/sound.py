@@ -28,10 +28,10 @@ from emgface.files import replace_file
 Progress = Callable[[int, int], None]
 PEAK: Final = 0.9
 """Largest value of a wave file."""
-FAINT: Final = 2e-3
+FAINT_PRESSURE: Final = 2e-3
 """Sound pressure below which a wave file is not amplified further [Pa], 40 dB, so that a closed mouth is
 quiet."""
-SOURCES: Final = ("folds", "rosenberg")
+VOICE_SOURCES: Final = ("folds", "rosenberg")
 
 
 def with_formants(tract: xr.Dataset, *, count: int = 4, medium: Medium | None = None) -> xr.Dataset:
@@ -79,7 +79,7 @@ def source_of(name: str, duration: float, *, lung: float, pitch: float, tension:
         return Flow(rosenberg(np.arange(int(duration * rate)) / rate, pitch=pitch), rate)
     if not Path(name).is_file():
         raise ConfigurationError(
-            f"unknown source {name!r}, expected {listed(SOURCES)} or a wave file"
+            f"unknown source {name!r}, expected {listed(VOICE_SOURCES)} or a wave file"
         )
     try:
         rate, values = wavfile.read(name)
@@ -155,8 +155,8 @@ def synthesise(
     name = source if isinstance(source, str) else type(source).__name__.lower()
     if not (isinstance(source, str) or callable(getattr(source, "flow", None))):
         raise ConfigurationError(
-            f"the source is of type {name}, expected {listed(SOURCES)}, the name of a wave file or a "
-            "source"
+            f"the source is of type {name}, expected {listed(VOICE_SOURCES)}, the name of a wave "
+            "file or a source"
         )
     if isinstance(source, str):
         source = source_of(source, lasting, lung=lung, pitch=pitch, tension=tension)
@@ -175,7 +175,7 @@ def synthesise(
     pressure = sound.radiated(float(rate), distance)
     step = round(sound.rate / rate)
     instants = float(time[0]) + np.arange(len(pressure)) / rate
-    full = max(float(np.abs(pressure).max(initial=0.0)), FAINT) / PEAK
+    full = max(float(np.abs(pressure).max(initial=0.0)), FAINT_PRESSURE) / PEAK
     return (
         tract.assign(
             sound=("time_sound", pressure, {"units": "Pa"}),

@@ -9,12 +9,19 @@ import numpy as np
 import xarray as xr
 
 from emgface.anatomy.checked import CHECKS
-from emgface.anatomy.head.model import CONTACTS, FLOOR, KINDS, PARTS, Head, build_lists
+from emgface.anatomy.head.model import (
+    CONTACTS,
+    FLOOR_MUSCLES,
+    GROUP_SCHEMAS,
+    PARTS,
+    Head,
+    build_lists,
+)
 from emgface.anatomy.head.scene import TONGUE
 from emgface.anatomy.jaw.exciters import exciters_of
 from emgface.anatomy.jaw.model import check_jaw
 from emgface.anatomy.jaw.template import template_jaw
-from emgface.anatomy.jaw.template.muscles import GROUPS
+from emgface.anatomy.jaw.template.muscles import MUSCLE_GROUPS
 from emgface.anatomy.tongue.model import attached_nodes
 from emgface.anatomy.tongue.template.build import person, template_tongue
 from emgface.anatomy.tongue.template.palate import palate
@@ -29,7 +36,7 @@ from emgface.fit.similarity import similarity
 HYOID = ("hyoid", "thyroid", "cricoid")
 OWNER: Final = {"face": ("face",), "jaw": ("jaw", "hyoid"), "tongue": ("tongue",)}
 """Parts of a head that a model of a kind contains."""
-SAME: Final = 1e-6  #: largest difference of two frames that are the same [m, 1]
+SAME_FRAME: Final = 1e-6  #: largest difference of two frames that are the same [m, 1]
 
 
 def build_head(
@@ -126,7 +133,7 @@ def _checked(models: Mapping[str, xr.Dataset], named: Sequence[str]) -> dict[str
                 f"a model of {part!r} is given, expected face, jaw or tongue, among the "
                 f"parts {', '.join(named)}"
             )
-        CHECKS[KINDS[part]](model)
+        CHECKS[GROUP_SCHEMAS[part]](model)
     _check_one_person(models, named)
     frames = {
         part: np.array(json.loads(model.attrs["fit_frame"]))
@@ -135,7 +142,7 @@ def _checked(models: Mapping[str, xr.Dataset], named: Sequence[str]) -> dict[str
     }
     first = next(iter(frames), None)
     for part, frame in frames.items():
-        if np.abs(frame - frames[str(first)]).max() > SAME:
+        if np.abs(frame - frames[str(first)]).max() > SAME_FRAME:
             raise HeadError(
                 f"{first} and {part} were fitted in different frames, expected one: fit the {part} with "
                 "the fitted face as its frame"
@@ -175,7 +182,7 @@ def without_floor_of(tongue: xr.Dataset, jaw: xr.Dataset) -> xr.Dataset:
     """
     force = jaw["muscle_force_max"].values.copy()
     names = [str(m) for m in jaw["muscle"].values]
-    for muscle, lines in FLOOR.items():
+    for muscle, lines in FLOOR_MUSCLES.items():
         for side in ("_L", "_R"):
             own = [k for k, name in enumerate(names) if name in {line + side for line in lines}]
             whole = force[own].sum()
@@ -221,7 +228,7 @@ def moving(jaw: xr.Dataset, named: Sequence[str], without: Sequence[str] = ()) -
     model = jaw.assign(body_moves=("body", moves, jaw["body_moves"].attrs))
     model = model.isel({dim: np.flatnonzero(chosen) for dim, chosen in kept.items()})
     muscles = [str(m) for m in model["muscle"].values]
-    exciters = exciters_of(muscles, GROUPS)
+    exciters = exciters_of(muscles, MUSCLE_GROUPS)
     gain = np.array([[own.get(m, 0.0) for m in muscles] for own in exciters.values()])
     model = model.drop_vars(["exciter_gain", "exciter"]).assign_coords(exciter=list(exciters))
     model["exciter_gain"] = (

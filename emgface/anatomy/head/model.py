@@ -14,18 +14,19 @@ import xarray as xr
 
 from emgface.anatomy.checked import CHECKS, read_model
 from emgface.anatomy.jaw.exciters import exciters_of
-from emgface.anatomy.jaw.model import AXES, FRAME
-from emgface.anatomy.jaw.template.muscles import GROUPS
+from emgface.anatomy.jaw.model import JAW_FRAME
+from emgface.anatomy.jaw.template.muscles import MUSCLE_GROUPS
 from emgface.anatomy.mesh_model import integers, stacked
 from emgface.errors import HeadError
 from emgface.face.parts import Arch, Integers
+from emgface.muscles import AXES
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.schema.validation import declared_variables, validate
 from sim.indices import indices
 
 PARTS: Final = ("face", "jaw", "tongue", "hyoid")
 """Parts by which a head is named; jaw and hyoid are bodies of one jaw_model."""
-KINDS: Final = {"face": "face_model", "jaw": "jaw_model", "tongue": "tongue_model"}
+GROUP_SCHEMAS: Final = {"face": "face_model", "jaw": "jaw_model", "tongue": "tongue_model"}
 """Schema of the Dataset of each group."""
 PAIRS: Final = (
     "face-jaw",
@@ -45,15 +46,15 @@ CONTACTS: Final = {
 """Contact pairs, and the parts that each needs."""
 
 
-FLOOR: Final = {"GH": ("gh",), "MH": ("am", "pm")}
+FLOOR_MUSCLES: Final = {"GH": ("gh",), "MH": ("am", "pm")}
 """Muscles of the floor of the mouth that are both tissue of a tongue and lines of a jaw."""
-LINES: Final = tuple(line for lines in FLOOR.values() for line in lines)
+FLOOR_LINES: Final = tuple(line for lines in FLOOR_MUSCLES.values() for line in lines)
 """The lines of these muscles, which the published coupled model lacks."""
-TONGUE_GROUPS: Final = {**GROUPS, "my": ("MH",), "gh": ("GH",)}
+TONGUE_GROUPS: Final = {**MUSCLE_GROUPS, "my": ("MH",), "gh": ("GH",)}
 """Groups of a jaw in which geniohyoid and mylohyoid are those of a tongue."""
 FLOOR_GROUPS: Final = {
     **TONGUE_GROUPS,
-    **{name: (name, *lines) for name, lines in FLOOR.items()},
+    **{name: (name, *lines) for name, lines in FLOOR_MUSCLES.items()},
     "gh": ("gh", "GH"),
 }
 """Groups of a jaw and a tongue that both have them, excited as one muscle each."""
@@ -148,8 +149,8 @@ def build_lists(
     twice = sorted({m for m in muscles if muscles.count(m) > 1})
     if twice:
         raise HeadError(f"muscle {twice[0]} belongs to two parts, expected different names")
-    groups = GROUPS if "tongue" not in named else TONGUE_GROUPS
-    if "tongue" in named and any(muscle[:-2] in LINES for muscle in muscles):
+    groups = MUSCLE_GROUPS if "tongue" not in named else TONGUE_GROUPS
+    if "tongue" in named and any(muscle[:-2] in FLOOR_LINES for muscle in muscles):
         groups = FLOOR_GROUPS
     exciters = exciters_of(muscles, groups)
     gain = np.array([[own.get(m, 0.0) for m in muscles] for own in exciters.values()])
@@ -183,14 +184,14 @@ def build_lists(
         triangle_shell=integers(np.repeat(np.arange(len(shells)), [len(t) for t in triangles])),
         exciter_gain=gain,
     )
-    lists = xr.Dataset(variables, attrs={"name": name, "origin": origin, "frame": FRAME})
-    checked = {group: CHECKS[KINDS[group]](part) for group, part in parts.items()}
+    lists = xr.Dataset(variables, attrs={"name": name, "origin": origin, "frame": JAW_FRAME})
+    checked = {group: CHECKS[GROUP_SCHEMAS[group]](part) for group, part in parts.items()}
     return Head(validate(lists, "head_model"), checked)
 
 
 def write_head(head: Head, path: str | Path) -> Path:
     """Write a head with its parts as groups of one netCDF file; errors as of `write_netcdf`."""
-    parts = {group: (part, KINDS[group]) for group, part in head.parts.items()}
+    parts = {group: (part, GROUP_SCHEMAS[group]) for group, part in head.parts.items()}
     return write_netcdf(head.lists, path, "head_model", groups=parts)
 
 
@@ -218,4 +219,4 @@ def read_lists(path: str | Path) -> tuple[xr.Dataset, Mapping[str, xr.Dataset]]:
 def read_parts(path: str | Path, named: Sequence[str]) -> dict[str, xr.Dataset]:
     """Read the groups of named parts."""
     groups = dict.fromkeys("jaw" if name == "hyoid" else name for name in named)
-    return {group: read_model(path, KINDS[group], group=group) for group in groups}
+    return {group: read_model(path, GROUP_SCHEMAS[group], group=group) for group in groups}

@@ -19,8 +19,7 @@ from emgface.errors import HeadError
 from emgface.face.parts import Floats
 from emgface.face.surface import triangles
 from emgface.muscles import MUSCLE_NAMES
-from emgface.pictures.body import COLOURS as TISSUE
-from emgface.pictures.body import skin_of
+from emgface.pictures.body import PART_COLOURS, skin_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,13 +28,13 @@ Parts = Mapping[str, xr.Dataset]
 Drawn = tuple[Floats, NDArray[np.int64], Floats, NDArray[np.int64]]
 """Points (time, n, 3), triangles, colours, and the number of the muscle of each point, from 1."""
 
-CAPTION = (
+HEAD_CAPTION = (
     "Simulated. Above: paths of lower incisor, tip and back of the tongue and lips, seen from the left. "
     "Below: opening of the mouth, and activation of the muscles that are active."
 )
-MIDDLE = 1e-4
+MIDLINE_TOLERANCE = 1e-4
 """Largest x of the centre of a triangle of the left half [m]."""
-FOLLOWED = ("lower_incisor", "tip", "back", "hyoid", "LL", "UL")
+DRAWN_PATHS = ("lower_incisor", "tip", "back", "hyoid", "LL", "UL")
 """Points whose paths are drawn, if the head has them."""
 
 
@@ -58,7 +57,7 @@ def head_page(motion: xr.Dataset, parts: Parts) -> str:
         np.concatenate([rows[left], rows[~left]]),
         colour,
         fibre,
-        names=of_jaw.NAMES | of_tongue.NAMES | MUSCLE_NAMES,
+        names=of_jaw.JAW_MUSCLE_TITLES | of_tongue.TONGUE_MUSCLE_TITLES | MUSCLE_NAMES,
         section=int(left.sum()) if left.any() and not left.all() else None,
         what="head",
         title=f"{motion.attrs.get('task', 'motion')} of the {motion.attrs['head']}",
@@ -67,7 +66,7 @@ def head_page(motion: xr.Dataset, parts: Parts) -> str:
         "midline is seen from the right.",
         heading="Paths, opening and activations",
         figure=head_figure(motion),
-        caption=CAPTION,
+        caption=HEAD_CAPTION,
     )
 
 
@@ -80,7 +79,7 @@ def head_geometry(motion: xr.Dataset, parts: Parts) -> Drawn:
 
 def _of_left(q: Floats, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Triangles whose centre is on the left at the start."""
-    return q[0, rows, 0].mean(axis=1) < MIDDLE
+    return q[0, rows, 0].mean(axis=1) < MIDLINE_TOLERANCE
 
 
 def _surfaces(motion: xr.Dataset, parts: Parts) -> Drawn:
@@ -115,9 +114,9 @@ def _face(motion: xr.Dataset, face: xr.Dataset, q: Floats | None) -> list[Drawn]
     skin = skin_of(face)
     X = face["position"].values[skin.node]
     corners = triangles(skin.facet, X)
-    colour = np.tile(TISSUE[0], (len(X), 1))
-    for part in sorted(TISSUE):
-        colour[skin.facet[skin.part == part].ravel()] = TISSUE[part]
+    colour = np.tile(PART_COLOURS[0], (len(X), 1))
+    for part in sorted(PART_COLOURS):
+        colour[skin.facet[skin.part == part].ravel()] = PART_COLOURS[part]
     pieces: list[Drawn] = [(q[:, skin.node], corners, colour, np.zeros(len(X), dtype=np.int64))]
     points = face["fibre_position"].values  # ends on bone, outside the tissue, move with its nodes
     _, nearest = KDTree(face["position"].values).query(points)
@@ -164,7 +163,7 @@ def head_figure(motion: xr.Dataset, parts: Parts | None = None) -> "Figure":
     figure = blank(9.0, 6.4)
     (paths, opening), (drive, least) = grid(figure, 2, 2)
     t = motion["time"].values
-    names = [name for name in FOLLOWED if name in motion["marker"].values]
+    names = [name for name in DRAWN_PATHS if name in motion["marker"].values]
     for name, colour in zip(names, [*COLOURS, *COLOURS], strict=False):
         x = 1e3 * motion["position"].sel(marker=name).transpose("time", "axis").values
         paths.plot(x[:, 1] - x[0, 1], x[:, 2] - x[0, 2], color=colour, label=name)

@@ -15,12 +15,12 @@ import numpy as np
 import xarray as xr
 
 from emgface.anatomy.head.build import moving
-from emgface.anatomy.head.model import CONTACTS, LINES, PARTS, Head, build_lists
+from emgface.anatomy.head.model import CONTACTS, FLOOR_LINES, PARTS, Head, build_lists
 from emgface.anatomy.head.published_jaw import published_jaw
-from emgface.anatomy.head.published_tables import SOURCE, file_of, numbers_of, table_of
+from emgface.anatomy.head.published_tables import HEAD_SOURCE, file_of, numbers_of, table_of
 from emgface.anatomy.jaw.model import Floats
 from emgface.anatomy.tongue.model import attached_nodes
-from emgface.anatomy.tongue.published import SHIFT, TURN, import_tongue
+from emgface.anatomy.tongue.published import COUPLED_DISPLACEMENT, TURN, import_tongue
 from emgface.errors import HeadError
 from emgface.face import landmarks
 from emgface.face.ansys import read_elements, read_ids, read_nodes, solid_nodes
@@ -42,12 +42,13 @@ from emgface.face.parts import (
 from emgface.face.quality import element_centres
 from emgface.muscles import MODELLED, SIDES
 
-RADIUS: Final = 6e-3  #: distance from a fibre within which an element belongs to a muscle [m]
+#: distance from a fibre within which an element belongs to a muscle [m]
+ELEMENT_RADIUS: Final = 6e-3
 OOP_LISTS: Final = ("7Mu", "5Ml")
 """Elements of the peripheral orbicularis oris of the coupled model: ring, layer and lip."""
 FREED: Final = ("lip", "cheek", "nose", "submental", "zygomatic")
 """Lists of inner nodes that are free in the coupled model."""
-FLOOR: Final = ("face-tongue", "face-hyoid")
+FLOOR_ATTACHMENTS: Final = ("face-tongue", "face-hyoid")
 _NAMES: Final = {"MENT": "MEN"}
 
 
@@ -99,11 +100,11 @@ def import_head(
         for bone, name in ((MANDIBLE, "face-jaw"), (SKULL, "face-skull")):
             attachments[name] = np.flatnonzero(models["face"]["fixed"].values == bone)
         if floor:
-            for name in (p for p in FLOOR if p.removeprefix("face-") in named):
+            for name in (p for p in FLOOR_ATTACHMENTS if p.removeprefix("face-") in named):
                 path = place / "face_badin" / f"{name.replace('-', '_')}_attachments.txt"
                 attachments[name] = numbers_of(path)
     if "jaw" in named or "hyoid" in named:
-        without = LINES if "tongue" in named else ()
+        without = FLOOR_LINES if "tongue" in named else ()
         models["jaw"] = moving(published_jaw(place / "jaw_tongue_face"), named, without=without)
     if "tongue" in named:
         models["tongue"] = _tongue(place)
@@ -126,7 +127,11 @@ def _tongue(place: Path) -> xr.Dataset:
     """The mesh as it is, 2 mm further back than alone."""
     tongue = import_tongue(place / "tongue")
     moved = {
-        name: (tongue[name].dims, tongue[name].values + TURN @ SHIFT, tongue[name].attrs)
+        name: (
+            tongue[name].dims,
+            tongue[name].values + TURN @ COUPLED_DISPLACEMENT,
+            tongue[name].attrs,
+        )
         for name in ("position", "fibre_position")
     }
     return tongue.assign(moved)
@@ -178,10 +183,10 @@ def _face(place: Path, bones: list[Arch]) -> xr.Dataset:
         arches=bones,
         name="published coupled face",
         origin="published geometry, imported",
-        source=SOURCE,
+        source=HEAD_SOURCE,
         node_id=listed.id,
         element_id=elements.id,
-        attrs={"muscle_radius": RADIUS},
+        attrs={"muscle_radius": ELEMENT_RADIUS},
     )
 
 
@@ -209,7 +214,7 @@ def _face_bundles(fibres: list[Fibre], centres: Floats, oop: Integers) -> list[B
             element = (
                 oop[(centres[oop, 0] < 0.0) == (side == "L")]
                 if muscle == "OOP"
-                else elements_within(centres, own, RADIUS)
+                else elements_within(centres, own, ELEMENT_RADIUS)
             )
             direction = symmetric_directions(centres[element], both)
             bundles.append(Bundle(f"{muscle}_{side}", element, direction))

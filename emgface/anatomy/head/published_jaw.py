@@ -9,19 +9,19 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import sim
-from emgface.anatomy.head.published_tables import SOURCE, file_of, table_of
+from emgface.anatomy.head.published_tables import HEAD_SOURCE, file_of, table_of
 from emgface.anatomy.jaw.exciters import exciters_of
 from emgface.anatomy.jaw.model import Floats, JawBody, JawJoint, JawLine, build_jaw
 from emgface.anatomy.jaw.published import condylar_path
 from emgface.anatomy.jaw.published_parameters import CURVE_LENGTH, CURVE_STRIPS
-from emgface.anatomy.jaw.template.muscles import GROUPS
+from emgface.anatomy.jaw.template.muscles import MUSCLE_GROUPS
 from emgface.anatomy.jaw.thinning import thinned
 from emgface.anatomy.tongue.published import TURN
 from emgface.face.artisynth_contact import read_obj
 from emgface.face.parts import Integers
 
-DENSITY: Final = {"jaw": 3470.1, "hyoid": 4574.7}  #: [kg/m^3]
-DAMPING: Final = {"jaw": (20.0, 2e-4), "hyoid": (10.0, 1e-4)}  #: [kg/s], [kg m^2/s]
+BODY_DENSITY: Final = {"jaw": 3470.1, "hyoid": 4574.7}  #: [kg/m^3]
+PUBLISHED_DAMPING: Final = {"jaw": (20.0, 2e-4), "hyoid": (10.0, 1e-4)}  #: [kg/s], [kg m^2/s]
 HYOID_SPRING: Final = (1760.0, 4.123152e-2)
 """Stiffness of the spring that holds the hyoid, translation [N/m] and rotation [N m/rad]."""
 _FAR: Final = 1.0  #: length of the axial springs that represent it [m]
@@ -61,12 +61,12 @@ def published_jaw(place: Path) -> xr.Dataset:
         for given, name in _POINTS.items()
     }
     muscles = _muscles(place)
-    hyoid = sim.body_of_surface("hyoid", *surfaces["hyoid"], DENSITY["hyoid"])
+    hyoid = sim.body_of_surface("hyoid", *surfaces["hyoid"], BODY_DENSITY["hyoid"])
     bodies = [JawBody("skull", moves=False)]
-    for name, density in DENSITY.items():
+    for name, density in BODY_DENSITY.items():
         body = hyoid if name == "hyoid" else sim.body_of_surface(name, *surfaces[name], density)
         bodies.append(
-            JawBody(name, body.mass, np.asarray(body.centre), body.inertia, DAMPING[name])
+            JawBody(name, body.mass, np.asarray(body.centre), body.inertia, PUBLISHED_DAMPING[name])
         )
     return build_jaw(
         bodies=bodies,
@@ -74,11 +74,11 @@ def published_jaw(place: Path) -> xr.Dataset:
         springs=_hyoid_springs(np.asarray(hyoid.centre)),
         joints=_joints({name: x for name, (_, x) in points.items()}),
         points=points,
-        exciters=exciters_of([m.name for m in muscles], GROUPS),
+        exciters=exciters_of([m.name for m in muscles], MUSCLE_GROUPS),
         surfaces=[(body, *thinned(*surface)) for body, surface in surfaces.items()],
         name="published coupled jaw and hyoid",
         origin="published geometry, imported",
-        source=SOURCE,
+        source=HEAD_SOURCE,
     )
 
 

@@ -11,7 +11,7 @@ from emgface.face.parts import Integers
 from emgface.schema.rules import one_line
 from emgface.texts import labelled, open_text, read_text
 
-SOURCE: Final = (
+HEAD_SOURCE: Final = (
     "Stavness et al., Coupled biomechanical modeling of the face, jaw, skull, tongue, and hyoid bone; "
     "Nazari et al. 2010; Buchaillard et al. 2009; artisynth_models, jaw_tongue_face"
 )

@@ -9,9 +9,9 @@ import xarray as xr
 from analysis.align import align
 from analysis.scores import score
 from emgface.anatomy.head.model import Head, require_face_and_jaw
-from emgface.anatomy.head.run import CLOSERS, STEP, simulate_head
+from emgface.anatomy.head.run import CLOSERS, HEAD_STEP, simulate_head
 from emgface.anatomy.head.scene import HeadScene, head_scene
-from emgface.anatomy.jaw.emg import CHANNELS, excitation_of
+from emgface.anatomy.jaw.emg import JAW_CHANNELS, excitation_of
 from emgface.anatomy.jaw.recorded import INCISOR, score_motion
 from emgface.anatomy.jaw.series import Excitation, excitation_in
 from emgface.errors import HeadError
@@ -28,7 +28,7 @@ from emgface.signals.activation import activation_of, feature_range
 from emgface.signals.parameters import SignalChain
 from emgface.study.configuration import StudyConfiguration
 
-SETTLING = 0.3
+SETTLING_TIME = 0.3
 """Time before the recording in which the head comes to rest under gravity at the first levels [s]."""
 
 
@@ -61,8 +61,8 @@ def excitation_of_head(
     require_face_and_jaw(head)
     if not has_jaw(map(str, recording["channel"].values) if "emg" in recording else ()):
         raise HeadError(
-            f"the recording has no channel of the jaw ({', '.join(CHANNELS)}): simulate it on the face, "
-            "which costs less (emgface simulate)"
+            f"the recording has no channel of the jaw ({', '.join(JAW_CHANNELS)}): simulate it on "
+            "the face, which costs less (emgface simulate)"
         )
     chain = given.study.signals
     by_effort = chain.normalisation.reach == "reference"
@@ -78,7 +78,7 @@ def excitation_of_head(
 
 def has_jaw(channels: Iterable[str]) -> bool:
     """True if a muscle of the jaw is among the recorded channels."""
-    return any(name[:-2] in CHANNELS for name in channels)
+    return any(name[:-2] in JAW_CHANNELS for name in channels)
 
 
 def activation_of_head(
@@ -132,7 +132,7 @@ def move_as_recorded(
     head: Head,
     drive: RecordedDrive | None = None,
     *,
-    step: float = STEP,
+    step: float = HEAD_STEP,
     progress: Callable[[int, int], None] | None = None,
 ) -> xr.Dataset:
     """Simulate a head for a recording, from rest under gravity at its first levels.
@@ -156,7 +156,7 @@ def _moved(
     progress: Callable[[int, int], None] | None = None,
 ) -> xr.Dataset:
     """Motion for levels, after the head has come to rest at the first of them."""
-    first = output * np.ceil(SETTLING / output)
+    first = output * np.ceil(SETTLING_TIME / output)
     duration = float(first + output * np.floor(levels.time[-1] / output + 1e-9))
     later = Excitation(levels.time + first, levels.values, levels.recorded_start)
     motion = simulate_head(
@@ -191,7 +191,9 @@ def trajectory_of_head(
     values = {str(m): activation.sel(muscle=m).values for m in activation["muscle"].values}
     levels = Excitation(time, values, start)
     scene = head_scene(head, face=p, gravity=p.gravity)
-    rough, motion = (_moved(head, scene, levels, p.output, h, None) for h in (2 * STEP, STEP))
+    rough, motion = (
+        _moved(head, scene, levels, p.output, h, None) for h in (2 * HEAD_STEP, HEAD_STEP)
+    )
     face = head.parts["face"]
     x, other = (m["position"].sel(marker=face["marker"].values) for m in (motion, rough))
     error = xr.apply_ufunc(np.sqrt, ((x - other) ** 2).sum(dim="axis").max(dim="marker"))
@@ -213,7 +215,7 @@ def trajectory_of_head(
     trajectory.attrs = {
         "solver": "linearly_implicit",
         "contact": p.contact.method,
-        "step": STEP,
+        "step": HEAD_STEP,
         "output": p.output,
         "sigma_max": p.sigma_max,
         "origin": "simulated",

@@ -8,13 +8,13 @@ import numpy as np
 import xarray as xr
 
 import sim
-from emgface.anatomy.head.model import KINDS, Head, read_parts
+from emgface.anatomy.head.model import GROUP_SCHEMAS, Head, read_parts
 from emgface.anatomy.head.scene import TONGUE, HeadScene, head_scene
 from emgface.anatomy.jaw.series import Excitation, ramps
 from emgface.anatomy.tongue.parameters import TongueParameters
-from emgface.anatomy.tongue.scene import LINE
+from emgface.anatomy.tongue.scene import LINE_ENDING
 from emgface.errors import HeadError
-from emgface.face.lip_shape import UP, has_mouth
+from emgface.face.lip_shape import UP_DIRECTION, has_mouth
 from emgface.face.mouth import Mouth
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.schema.netcdf import read_netcdf, write_netcdf
@@ -22,7 +22,7 @@ from emgface.schema.validation import validate
 from sim.integrators import Integrator
 from sim.probes import Probe
 
-STEP, OUTPUT = 5e-3, 10e-3
+HEAD_STEP, HEAD_OUTPUT = 5e-3, 10e-3
 """Largest time step and time between outputs [s]."""
 CLOSERS: Final = ("bi_close", 4e-4)
 """Exciter and level that hold the jaw at rest (Stavness et al. 2006, section 3.1)."""
@@ -37,8 +37,8 @@ def simulate_head(
     tongue: TongueParameters = TONGUE,
     law: str = "peck",
     gravity: bool = True,
-    step: float = STEP,
-    output: float = OUTPUT,
+    step: float = HEAD_STEP,
+    output: float = HEAD_OUTPUT,
     integrator: Integrator | None = None,
     scene: HeadScene | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -134,7 +134,7 @@ def scene_activation(
     """Activation of the muscles of the scene and of the head, and the clipped excitation."""
     given, negative = excitation.activation(head.lists)
     column = {str(m): k for k, m in enumerate(given["muscle"].values)}
-    own = [column.get(name.removesuffix(LINE), -1) for name in system.muscles]
+    own = [column.get(name.removesuffix(LINE_ENDING), -1) for name in system.muscles]
     padded = np.concatenate([given.values.T, np.zeros((len(excitation.time), 1))], axis=1)
     return sim.Activation(excitation.time, padded[:, own]), given, negative
 
@@ -157,7 +157,7 @@ def probes(head: Head, parts: HeadScene) -> tuple[Probe, ...]:
     if "face" in head.parts:
         face = head.parts["face"]
         upper, lower = (int(node) for node in face["lip_opening_node"].values)
-        recorded.append(sim.Opening(upper, lower, UP))
+        recorded.append(sim.Opening(upper, lower, UP_DIRECTION))
         if has_mouth(face):
             recorded.append(Mouth.from_face(face))
     return tuple(recorded)
@@ -173,7 +173,7 @@ def raised(levels: dict[str, float], *, rise: float = 0.2, jaw: bool = True) -> 
 
 def write_motion(motion: xr.Dataset, head: Head, path: str | Path) -> Path:
     """Write a motion with the parts of its head as groups, which are drawn."""
-    parts = {group: (part, KINDS[group]) for group, part in head.parts.items()}
+    parts = {group: (part, GROUP_SCHEMAS[group]) for group, part in head.parts.items()}
     return write_netcdf(motion, path, "head_motion", groups=parts)
 
 

@@ -17,7 +17,7 @@ from emgface.errors import HeadError
 from emgface.face.contact import contact_pairings, declared_contact
 from emgface.face.lips import lining
 from emgface.face.parts import MANDIBLE, Floats, Integers, facets_of
-from emgface.face.recipe import DAMPING, GRAVITY, compose_scene
+from emgface.face.recipe import DAMPING_BY_STIFFNESS, GRAVITY, compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.surface import triangles
 from sim.contact import NodeSurface, Pairing, RigidShell
@@ -107,7 +107,7 @@ def head_scene(
     teeth, surfaces = _teeth(head, bodies, n)
     members: list[Member] = [*_attached(head, part, first, bodies), *teeth[1]]
     points.append(teeth[0])
-    whole = joined_tissues(tissues, DAMPING[p.damping_tangent])
+    whole = joined_tissues(tissues, DAMPING_BY_STIFFNESS[p.damping_tangent])
     terms: list[Term] = list(whole.terms)
     pairings = _pairings(head, first, surfaces)
     if pairings and p.contact.method != "none":

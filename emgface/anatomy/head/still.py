@@ -11,13 +11,13 @@ from emgface.anatomy.head.picture import Drawn, Parts, head_geometry
 from emgface.anatomy.jaw.picture import jaw_geometry
 from emgface.anatomy.jaw.run import drawn
 from emgface.pictures.body import Body
-from emgface.pictures.render import SIDES, VIEWS, window_of
+from emgface.pictures.render import PICTURE_VIEWS, VIEWS, window_of
 from emgface.pictures.stills import paint
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-HALF = {"front": "front", "left": "left", "right": "right: the inside"}
+HALF_VIEWS = {"front": "front", "left": "left", "right": "right: the inside"}
 """Views of the left half of a model, with their titles."""
 
 
@@ -35,7 +35,7 @@ def jaw_model_figure(jaw: xr.Dataset) -> "Figure":
         jaw_geometry(rest),
         jaw.attrs["name"],
         "bones and muscles",
-        dict(zip(SIDES, SIDES, strict=True)),
+        dict(zip(PICTURE_VIEWS, PICTURE_VIEWS, strict=True)),
     )
 
 
@@ -43,14 +43,17 @@ def tongue_model_figure(tongue: xr.Dataset) -> "Figure":
     """Draw the left half of a tongue_model with the fibres of both halves."""
     parts = {"tongue": tongue}
     return _figure(
-        head_geometry(head_at_rest(parts), parts), tongue.attrs["name"], "left half, fibres", HALF
+        head_geometry(head_at_rest(parts), parts),
+        tongue.attrs["name"],
+        "left half, fibres",
+        HALF_VIEWS,
     )
 
 
 def head_model_figure(lists: xr.Dataset, parts: Parts) -> "Figure":
     """Draw the left half of a head_model: skin, bones, teeth, tongue and muscles."""
     return _figure(
-        head_geometry(head_at_rest(parts), parts), lists.attrs["name"], "left half", HALF
+        head_geometry(head_at_rest(parts), parts), lists.attrs["name"], "left half", HALF_VIEWS
     )
 
 

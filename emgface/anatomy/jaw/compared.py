@@ -11,7 +11,7 @@ from analysis.flags import FLAGS, flags_of
 from analysis.scores import rmse
 from analysis.tables import Column, Table
 from emgface.anatomy.jaw.model import Floats
-from emgface.anatomy.jaw.recorded import SHIFT, aligned, in_skull_of, score_motion
+from emgface.anatomy.jaw.recorded import LARGEST_SHIFT, aligned, in_skull_of, score_motion
 from emgface.anatomy.jaw.skull import rotated
 
 _COLUMNS = (
@@ -127,7 +127,7 @@ def _notes(motion: xr.Dataset, scores: xr.Dataset, backwards: Floats) -> list[st
     driven = "recorded_start" in motion.attrs
     notes = [
         "The motion is compared with the recording at the times of the sEMG that drives it, shifted by "
-        f"at most {SHIFT:g} s."
+        f"at most {LARGEST_SHIFT:g} s."
         if driven
         else "No recording drives the motion: the recording was stretched to its duration, and the "
         "scores state how similar the paths are."

@@ -14,7 +14,7 @@ from emgface.anatomy.jaw.model import Floats
 from emgface.errors import FeatureWarning, JawError
 from emgface.signals.features import root_mean_square
 
-WINDOW = 0.2
+EFFORT_WINDOW = 0.2
 """Length of the windows [s]."""
 BURST = 2.0
 """Least ratio of the strongest to the weakest window of a channel that contracts and rests."""
@@ -25,14 +25,14 @@ the second relative to the median of the channels.
 A channel that rests while its neighbours contract records their cross-talk, several times its noise.
 """
 
-CLOSER, UNEQUAL = 0.5, 0.2
+CLOSER, EXCHANGED_RATIO = 0.5, 0.2
 """Largest ratio of the difference of both sides with and without exchange of the labels, and the least
 difference that is more than chance (of the logarithm)."""
 
 
 def effort_levels(filtered: xr.DataArray) -> Floats:
     """Weakest, median and strongest window (3, channel) of filtered sEMG (channel, time_emg) [V]."""
-    rms = root_mean_square(filtered, window=WINDOW).transpose("channel", "time").values
+    rms = root_mean_square(filtered, window=EFFORT_WINDOW).transpose("channel", "time").values
     return np.array([rms.min(axis=1), np.median(rms, axis=1), rms.max(axis=1)])
 
 
@@ -103,7 +103,7 @@ def tell_exchanged_sides(
     d_c is the difference of the logarithmic levels of both sides, relative to maximum effort, and
     e_c that of maximum effort itself, which electrodes and skin determine. In a movement of both
     sides d_c is small; exchanged labels of one file make it -2 e_c. The warning requires d_c closer
-    to -2 e_c than to 0 in every pair, by `CLOSER`, and a rms of d_c of at least `UNEQUAL`. Of 30
+    to -2 e_c than to 0 in every pair, by `CLOSER`, and a rms of d_c of at least `EXCHANGED_RATIO`. Of 30
     simulated persons it finds 27 in opening and closing, but 5 and 3 in one-sided movements, where
     one of 60 with correct labels is reported, too.
     """
@@ -116,9 +116,9 @@ def tell_exchanged_sides(
     high = np.log(np.max([one[2] for one in references], axis=0))
     level = np.log(own[2]) - high
     d, e = level[left] - level[right], high[left] - high[right]
-    large = np.abs(d) > UNEQUAL
-    closer = np.abs(d + 2.0 * e) < np.where(large, CLOSER * np.abs(d), UNEQUAL)
-    if closer.all() and np.sqrt((d * d).mean()) > UNEQUAL:
+    large = np.abs(d) > EXCHANGED_RATIO
+    closer = np.abs(d + 2.0 * e) < np.where(large, CLOSER * np.abs(d), EXCHANGED_RATIO)
+    if closer.all() and np.sqrt((d * d).mean()) > EXCHANGED_RATIO:
         ratios = ", ".join(f"{names[k][:-2]} {np.exp(x):.3g}" for k, x in zip(left, d, strict=True))
         warnings.warn(
             "left and right seem to be exchanged in the recording or in the reference: relative "

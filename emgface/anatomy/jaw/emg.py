@@ -27,14 +27,14 @@ from emgface.signals.normalisation import normalise
 from emgface.signals.parameters import SignalChain
 from emgface.signals.resampling import resample, simulation_times
 
-CHANNELS: Final = {
+JAW_CHANNELS: Final = {
     "TEM": "anterior temporalis",
     "MAS": "masseter",
     "DIG": "anterior digastric (submental electrodes)",
 }
 """Electrode pairs of a side; channels are called ``TEM_L``."""
 
-WEIGHTS: Final[Mapping[str, Mapping[str, float]]] = {
+EXCITER_WEIGHTS: Final[Mapping[str, Mapping[str, float]]] = {
     "t": {"TEM": 1.0},
     "m": {"MAS": 1.0},
     "mp": {"MAS": 1.0},
@@ -48,7 +48,7 @@ inferior lateral pterygoid with the digastric in opening."""
 
 COUNTED: Final = 2048.0
 """Sampling rate at which the threshold of the Willison amplitude was published [Hz]."""
-PERIOD: Final = 5e-3
+EXCITATION_PERIOD: Final = 5e-3
 """Sampling period of excitations [s]."""
 
 
@@ -57,7 +57,7 @@ def excitation_of(
     chain: SignalChain | None = None,
     *,
     reference: Iterable[xr.Dataset] = (),
-    weights: Mapping[str, Mapping[str, float]] = WEIGHTS,
+    weights: Mapping[str, Mapping[str, float]] = EXCITER_WEIGHTS,
 ) -> xr.Dataset:
     """Compute the excitation of the exciters of a jaw from one recording.
 
@@ -128,10 +128,12 @@ def excitation_of(
         )
     u = xr.concat(list(rows.values()), "exciter").assign_coords(exciter=list(rows))
     u = u.transpose("exciter", "time").clip(0.0, 1.0)
-    sampling = chain.resampling.model_copy(update={"steps": None, "period": PERIOD})
+    sampling = chain.resampling.model_copy(update={"steps": None, "period": EXCITATION_PERIOD})
     start, stop = (float(u["time"][k]) for k in (0, -1))
     u = resample(u, simulation_times(start, stop, sampling), bounded=True)
-    u = u.assign_coords(time=("time", PERIOD * np.arange(u.sizes["time"]), {"units": "s"}))
+    u = u.assign_coords(
+        time=("time", EXCITATION_PERIOD * np.arange(u.sizes["time"]), {"units": "s"})
+    )
     u.attrs = {"units": "1", "long_name": "excitation"}
     attrs = {name: recording.attrs[name] for name in IDENTITY if name in recording.attrs}
     attrs |= {
@@ -151,7 +153,7 @@ def _filtered(
     """Filtered sEMG (channel, time_emg) of the known channels, or of some that are required [V]."""
     emg = emg_of(recording)
     present = [str(name) for name in emg["channel"].values]
-    known = [f"{name}{side}" for side in ("_L", "_R") for name in CHANNELS]
+    known = [f"{name}{side}" for side in ("_L", "_R") for name in JAW_CHANNELS]
     chosen = [name for name in known if name in present] if channels is None else channels
     lacking = [name for name in chosen if name not in present]
     if lacking or not chosen:

@@ -11,7 +11,8 @@ from emgface.schema.rules import hint
 
 Groups = Mapping[str, Sequence[str]]
 """Muscles or other groups by the name of a group, without sides."""
-LARGEST = 1.1  #: largest excitation [1]: cubic series through values up to 1 exceed them slightly
+#: largest excitation [1]: cubic series through values up to 1 exceed them slightly
+LARGEST_EXCITATION = 1.1
 
 
 def exciters_of(muscles: Iterable[str], groups: Groups) -> dict[str, dict[str, float]]:
@@ -52,7 +53,7 @@ def excited_activation(jaw: xr.Dataset, excitation: Mapping[str, Floats]) -> tup
 
     a_m = min(1, sum_e gain_em max(0, u_e)); also returns the most negative excitation that was set
     to zero, or 0. Raises JawError if an exciter does not exist, or an excitation is not finite or
-    exceeds `LARGEST`.
+    exceeds `LARGEST_EXCITATION`.
     """
     known = jaw["exciter"].values.tolist()
     total: Floats | float = 0.0
@@ -65,7 +66,7 @@ def excited_activation(jaw: xr.Dataset, excitation: Mapping[str, Floats]) -> tup
         u = np.asarray(values, dtype=np.float64)
         if not np.isfinite(u).all():
             raise JawError(f"excitation of {name} is not finite: interpolate its gaps first")
-        if u.max(initial=0.0) > LARGEST:
+        if u.max(initial=0.0) > LARGEST_EXCITATION:
             raise JawError(
                 f"excitation of {name} rises to {u.max():.3g}, expected a fraction of the maximum, 0 to "
                 "1: divide percentages by 100, or normalise the series"

@@ -72,7 +72,7 @@ RELATIONS: dict[str, Callable[[Mapping[str, float]], sim.ForceVelocity]] = {
 """Relations of the laws with one; they replace the dampers of muscles."""
 
 
-LAWS: dict[str, MuscleLaw] = {
+MUSCLE_LAWS: dict[str, MuscleLaw] = {
     "peck": peck,
     "hill": hill,
     "pennate": pennate,

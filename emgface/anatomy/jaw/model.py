@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from emgface.anatomy.frame import check_frame, to_the_right
 from emgface.errors import JawError
+from emgface.muscles import AXES
 from emgface.schema.validation import declared_variables, validate
 
 Floats = NDArray[np.float64]
 Vector = Floats | tuple[float, float, float]
 
-FRAME = "x right, y anterior, z superior"
-AXES = ("x", "y", "z")
-KINDS = ("plane", "curve", "hinge")
+JAW_FRAME = "x right, y anterior, z superior"
+JOINT_KINDS = ("plane", "curve", "hinge")
 """Joints: a point on a plane, a point on a surface swept by a curve, a hinge of two bodies."""
 
 
@@ -53,7 +53,7 @@ class JawLine:
 
 @dataclass(frozen=True, eq=False)
 class JawJoint:
-    """A joint of one of `KINDS`; see `sim.joints.PointOnPlane`, `PointOnCurve` and `Revolute`.
+    """A joint of one of `JOINT_KINDS`; see `sim.joints.PointOnPlane`, `PointOnCurve` and `Revolute`.
 
     ``body`` has the plane or curve and guides ``point``; for a hinge they are both bodies, and
     ``normal`` [1] is its axis. A one-sided joint lets the point move away to the side of the
@@ -132,7 +132,7 @@ def build_jaw(
         **(_surface_arrays(surfaces, of_body) if surfaces else {}),
         exciter_gain=gain,
     )
-    described = {"name": name, "origin": origin, "source": source, "frame": FRAME}
+    described = {"name": name, "origin": origin, "source": source, "frame": JAW_FRAME}
     return check_jaw(xr.Dataset(variables, attrs=described | dict(attrs or {})))
 
 
@@ -184,7 +184,7 @@ def _joint_arrays(
     ]
     curves = np.array([j.coefficients for j in joints], dtype=np.float64)
     return {
-        "joint_kind": _numbers([KINDS.index(j.kind) for j in joints]),
+        "joint_kind": _numbers([JOINT_KINDS.index(j.kind) for j in joints]),
         "joint_body": _numbers([_number(of_body, j.body, f"joint {j.name}") for j in joints]),
         "joint_point": _numbers(np.where(hinge, -1, guided)),
         "joint_body_b": _numbers(np.where(hinge, guided, -1)),

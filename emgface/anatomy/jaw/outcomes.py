@@ -11,11 +11,11 @@ import pandas as pd
 import xarray as xr
 
 from emgface.anatomy.jaw.model import Floats
-from emgface.anatomy.jaw.run import STEP, run_task
+from emgface.anatomy.jaw.run import JAW_STEP, run_task
 from emgface.anatomy.jaw.skull import in_skull
-from emgface.anatomy.jaw.tasks import TASKS, with_series
+from emgface.anatomy.jaw.tasks import JAW_TASKS, with_series
 
-PUBLISHED = {
+PUBLISHED_OUTCOMES = {
     "rest": "separation 3 to 5 mm",
     "close": "intercuspation",
     "open": "gape 38 mm (text), 35 mm (figure)",
@@ -45,7 +45,7 @@ class Expected:
     tuned: bool = False
 
 
-EXPECTED: Final[Mapping[str, tuple[Expected, ...]]] = {
+EXPECTED_OUTCOMES: Final[Mapping[str, tuple[Expected, ...]]] = {
     "rest": (Expected("end_down", 3.0, 5.0),),
     "open": (Expected("gape", 35.0, 38.0),),
     "open_head": (Expected("gape", 50.0, 51.0),),
@@ -60,7 +60,8 @@ EXPECTED: Final[Mapping[str, tuple[Expected, ...]]] = {
     "pull": (Expected("end_down", 32.6, 34.6), Expected("end_forward", 15.3, 17.3)),
 }
 """Published ranges. Persons: Woelfel et al. 2014, Zawawi et al. 2003, Ferrario et al. 2005; the others
-are `PUBLISHED`, those of chewing +- 10 % and of the pull +- 1 mm. The remaining tasks have no number."""
+are `PUBLISHED_OUTCOMES`, those of chewing +- 10 % and of the pull +- 1 mm. The remaining tasks have no
+number."""
 
 
 def verdicts(task: str, values: Mapping[str, float], *, generated: bool) -> tuple[str, str]:
@@ -72,7 +73,7 @@ def verdicts(task: str, values: Mapping[str, float], *, generated: bool) -> tupl
     """
     said: list[str] = []
     basis: list[str] = []
-    for one in EXPECTED.get(task, ()):
+    for one in EXPECTED_OUTCOMES.get(task, ()):
         value = abs(values[one.column])
         wanted = f"{one.low:g} to {one.high:g}"
         if one.low <= value <= one.high:
@@ -144,7 +145,7 @@ def task_outcome_table(
     jaw: xr.Dataset,
     series: str | os.PathLike[str] | None = None,
     *,
-    step: float = STEP,
+    step: float = JAW_STEP,
     progress: Callable[[int, int], None] | None = None,
 ) -> pd.DataFrame:
     """Outcome of every task [mm, s], the published one, and the exciters that the model lacks.
@@ -154,7 +155,7 @@ def task_outcome_table(
     the excitations of chewing; `progress` is called after every task as ``progress(done, total)``.
     """
     generated = "generated" in str(jaw.attrs.get("origin", ""))
-    names, rows = list(TASKS), list[dict[str, object]]()
+    names, rows = list(JAW_TASKS), list[dict[str, object]]()
     for k, name in enumerate(names):
         task, options = with_series(name, series)
         motion = run_task(jaw, task, step=step, **options)
@@ -162,7 +163,7 @@ def task_outcome_table(
         values["error"] = round(1e3 * motion.attrs["numerical_error"], 3)
         without = motion.attrs["absent_exciters"]
         verdict, basis = verdicts(name, values, generated=generated)
-        said = {"published": PUBLISHED[name], "verdict": verdict, "basis": basis}
+        said = {"published": PUBLISHED_OUTCOMES[name], "verdict": verdict, "basis": basis}
         rows.append({"task": name, **values, "without": without, **said})
         if progress is not None:
             progress(k + 1, len(names))

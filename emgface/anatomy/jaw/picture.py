@@ -13,7 +13,7 @@ from emgface.anatomy.jaw.compared import JawComparison
 from emgface.anatomy.jaw.model import Floats
 from emgface.anatomy.jaw.outcomes import point_displacement
 from emgface.anatomy.jaw.skull import rotated
-from emgface.anatomy.jaw.template.muscles import MUSCLES
+from emgface.anatomy.jaw.template.muscles import JAW_MUSCLES
 from emgface.errors import JawError
 from emgface.pictures.body import Body
 from emgface.pictures.encoding import (
@@ -31,17 +31,17 @@ from emgface.pictures.render import VIEWS
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BONE, CARTILAGE, STILL = (0.90, 0.86, 0.76), (0.66, 0.77, 0.82), (0.80, 0.79, 0.78)
-RELAXED, ACTIVE = (0.86, 0.62, 0.58), (0.60, 0.02, 0.10)
+BONE_COLOUR, CARTILAGE, FIXED_COLOUR = (0.90, 0.86, 0.76), (0.66, 0.77, 0.82), (0.80, 0.79, 0.78)
+RELAXED, ACTIVE_COLOUR = (0.86, 0.62, 0.58), (0.60, 0.02, 0.10)
 """Colours of bones, cartilages, fixed bones, and of muscles at activation 0 and 1."""
-NAMES = {name: muscle.title for name, muscle in MUSCLES.items()}
+JAW_MUSCLE_TITLES = {name: muscle.title for name, muscle in JAW_MUSCLES.items()}
 """Full names of the muscles of a jaw."""
-FRAMES = 60.0
+JAW_FRAME_RATE = 60.0
 """Most frames per second."""
 THINNED = 0.35
 """Radius of a drawn muscle over that of its physiological cross-section at 40 N/cm^2."""
-AROUND, ALONG = 6, 5
-_PROFILE = np.sqrt(np.sin(np.linspace(0.12, np.pi - 0.12, ALONG)))
+FIBRE_SIDES, FIBRE_SECTIONS = 6, 5
+_PROFILE = np.sqrt(np.sin(np.linspace(0.12, np.pi - 0.12, FIBRE_SECTIONS)))
 
 
 def jaw_page(motion: xr.Dataset, comparison: JawComparison | None = None) -> str:
@@ -70,14 +70,16 @@ def jaw_page(motion: xr.Dataset, comparison: JawComparison | None = None) -> str
         words="The motion of jaw, hyoid and larynx is simulated: rigid bones, moved by line muscles.",
         heading="Paths and forces",
         figure=jaw_figure(motion, comparison),
-        caption=CAPTION + ("" if comparison is None else RECORDED),
+        caption=JAW_CAPTION + ("" if comparison is None else RECORDED_SENTENCE),
         comparison=comparison,
     )
 
 
 def drawn_times(time: NDArray[np.floating]) -> slice:
-    """Outputs that are drawn, at most `FRAMES` per second."""
-    every = max(1, round(1.0 / (FRAMES * float(np.diff(time).mean())))) if len(time) > 1 else 1
+    """Outputs that are drawn, at most `JAW_FRAME_RATE` per second."""
+    every = (
+        max(1, round(1.0 / (JAW_FRAME_RATE * float(np.diff(time).mean())))) if len(time) > 1 else 1
+    )
     return slice(None, None, every)
 
 
@@ -97,7 +99,7 @@ def moving_page(
     caption: str,
     comparison: JawComparison | None = None,
     section: int | None = None,
-    names: Mapping[str, str] = NAMES,
+    names: Mapping[str, str] = JAW_MUSCLE_TITLES,
 ) -> str:
     """Page with a moving surface, whose muscles are coloured by activation, and a figure below.
 
@@ -132,7 +134,7 @@ def moving_page(
         "section": section,
         "fibre": packed(fibre.astype(np.uint8)),
         "relaxed": RELAXED,
-        "active": ACTIVE,
+        "active": ACTIVE_COLOUR,
         "instructions": {"": ""},
         "strategies": [""],
         "markers": [str(name) for name in shown["marker"].values],
@@ -174,13 +176,13 @@ def moving_page(
     )
 
 
-CAPTION = (
+JAW_CAPTION = (
     "Simulated. Above: paths of lower incisor and condyles, relative to the skull, from the side and "
     "from the front; a circle marks the start. Below: size of the reactions of the condyles and of the "
     "teeth, with the force of a morsel if there is one, and the muscles with the largest forces."
 )
 
-RECORDED = (
+RECORDED_SENTENCE = (
     " Dotted: the recorded point, aligned in time as for the scores and shifted so that the means of "
     "both paths are equal."
 )
@@ -190,13 +192,13 @@ def jaw_geometry(motion: xr.Dataset) -> tuple[Floats, NDArray[np.int64], Floats,
     """Points (time, n, 3), triangles, colours, and the number of the muscle of each point, from 1."""
     bones = moved_points(motion, motion["surface_position"].values, motion["surface_body"].values)
     names = [str(name) for name in motion["body"].values]
-    shades = [CARTILAGE if name in ("thyroid", "cricoid") else BONE for name in names]
-    colour = np.array([*shades, STILL])[motion["surface_body"].values]
+    shades = [CARTILAGE if name in ("thyroid", "cricoid") else BONE_COLOUR for name in names]
+    colour = np.array([*shades, FIXED_COLOUR])[motion["surface_body"].values]
     ends, bodies = motion["muscle_position"].values, motion["muscle_body"].values
     a, b = (moved_points(motion, ends[:, k], bodies[:, k]) for k in (0, 1))
     radius = THINNED * np.sqrt(motion["muscle_force_max"].values / 40e4 / np.pi)
     muscles, own = _spindles(a, b, radius)
-    n_muscle, per = len(radius), AROUND * ALONG
+    n_muscle, per = len(radius), FIBRE_SIDES * FIBRE_SECTIONS
     triangles = np.concatenate(
         [
             motion["surface_triangle"].values,
@@ -227,15 +229,15 @@ def _spindles(a: Floats, b: Floats, radius: Floats) -> tuple[Floats, NDArray[np.
     side = np.cross(t, np.array([0.0, 1.0, 0.3]))
     side /= np.linalg.norm(side, axis=-1, keepdims=True)
     other = np.cross(t, side)
-    angle = np.linspace(0.0, 2.0 * np.pi, AROUND, endpoint=False)
+    angle = np.linspace(0.0, 2.0 * np.pi, FIBRE_SIDES, endpoint=False)
     ring = (
         np.cos(angle)[:, None] * side[..., None, :] + np.sin(angle)[:, None] * other[..., None, :]
     )
-    along = np.linspace(0.0, 1.0, ALONG)
+    along = np.linspace(0.0, 1.0, FIBRE_SECTIONS)
     centre = a[..., None, :] + along[:, None] * way[..., None, :]
     size = radius[:, None] * _PROFILE
     points = centre[..., :, None, :] + size[..., None, None] * ring[..., None, :, :]
-    index = np.arange(AROUND * ALONG).reshape(ALONG, AROUND)
+    index = np.arange(FIBRE_SIDES * FIBRE_SECTIONS).reshape(FIBRE_SECTIONS, FIBRE_SIDES)
     after = np.roll(index, -1, axis=1)
     quads = np.stack([index[:-1], after[:-1], after[1:], index[1:]], axis=-1).reshape(-1, 4)
     triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])

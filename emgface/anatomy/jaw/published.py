@@ -16,7 +16,7 @@ import sim
 from emgface.anatomy.jaw import published_parameters as given
 from emgface.anatomy.jaw.exciters import exciters_of
 from emgface.anatomy.jaw.model import Floats, JawBody, JawJoint, JawLine, build_jaw
-from emgface.anatomy.jaw.published_files import MM, PublishedJawFiles
+from emgface.anatomy.jaw.published_files import MM_TO_FRAME, PublishedJawFiles
 from emgface.anatomy.jaw.thinning import thinned
 from emgface.errors import JawError
 
@@ -24,11 +24,11 @@ Variant = Literal["fixed", "larynx"]
 Condyle = Literal["planar", "curved"]
 Values = Literal["text", "program"]
 
-SOURCE = (
+JAW_SOURCE = (
     "Stavness, Hannam, Lloyd and Fels 2006, An integrated, dynamic jaw and laryngeal model constructed "
     "from CT data"
 )
-_TURN = np.outer(np.sign(MM), np.sign(MM))
+_TURN = np.outer(np.sign(MM_TO_FRAME), np.sign(MM_TO_FRAME))
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 _SIDES = (("_L", np.ones(3)), ("_R", _MIRROR))
 
@@ -88,7 +88,7 @@ def import_jaw(
         surfaces=_surfaces(files, free),
         name=f"published jaw, hyoid {'free' if free else 'fixed'}, condyles {condyle}",
         origin="published geometry, imported",
-        source=SOURCE,
+        source=JAW_SOURCE,
         attrs={"variant": variant, "condyle": condyle, "values": values},
     )
 
@@ -104,7 +104,7 @@ def _surfaces(files: PublishedJawFiles, free: bool) -> list[tuple[str, Floats, n
 
 
 def _mm(point: tuple[float, float, float] | Floats) -> Floats:
-    return np.asarray(point, dtype=np.float64) * MM
+    return np.asarray(point, dtype=np.float64) * MM_TO_FRAME
 
 
 def _bodies(files: PublishedJawFiles, free: bool, values: Values) -> list[JawBody]:
@@ -165,14 +165,15 @@ def _muscles(files: PublishedJawFiles, free: bool) -> list[JawLine]:
     fixed = {"cranium": "skull", "maxilla": "skull"}
     muscles = list[JawLine]()
     for name in listed:
-        if name not in info or name not in given.MUSCLES:
+        if name not in info or name not in given.PUBLISHED_MUSCLES:
             raise JawError(
-                f"muscle {name!r} is listed without data, expected one of {', '.join(given.MUSCLES)}"
+                f"muscle {name!r} is listed without data, expected one of "
+                f"{', '.join(given.PUBLISHED_MUSCLES)}"
             )
         ends = files.landmarks(f"l{name}")[:2]
         if ends[0, 2] < ends[1, 2]:
             ends = ends[::-1]
-        stated = given.MUSCLES[name]
+        stated = given.PUBLISHED_MUSCLES[name]
         values = stated._asdict() | {
             "passive_fraction": given.PASSIVE_FRACTION,
             "damping": 1.0 if free else 0.0,

@@ -10,7 +10,7 @@ from emgface.anatomy.jaw.model import Floats
 from emgface.errors import JawError
 from emgface.texts import read_text
 
-MM = np.array([-1e-3, -1e-3, 1e-3])
+MM_TO_FRAME = np.array([-1e-3, -1e-3, 1e-3])
 """From millimetres in the frame of the files to metres in that of the package."""
 
 
@@ -42,7 +42,7 @@ class PublishedJawFiles:
             cm = np.array(
                 [[float(x) for x in row.split()] for row in text.split("\n") if row.strip()]
             )
-            return cm.reshape(-1, 3) * 10.0 * MM
+            return cm.reshape(-1, 3) * 10.0 * MM_TO_FRAME
         except (OSError, IndexError, ValueError) as error:
             raise JawError(
                 f"{path} contains no landmarks ({error}), expected x y z after @1"
@@ -51,7 +51,7 @@ class PublishedJawFiles:
     def surface(self, name: str) -> tuple[Floats, np.ndarray]:
         """Vertices [m] and triangles of an OBJ file."""
         rows = [row.split() for row in read_text(self.folder / name).splitlines()]
-        X = np.array([row[1:4] for row in rows if row[:1] == ["v"]], dtype=np.float64) * MM
+        X = np.array([row[1:4] for row in rows if row[:1] == ["v"]], dtype=np.float64) * MM_TO_FRAME
         faces = [[int(x.split("/")[0]) - 1 for x in row[1:]] for row in rows if row[:1] == ["f"]]
         triangles = [(f[0], f[i], f[i + 1]) for f in faces for i in range(1, len(f) - 1)]
         self._surfaces[name] = X, np.array(triangles, dtype=np.int64)

@@ -18,7 +18,7 @@ class MuscleValues(NamedTuple):
 _STRAP = 1.2849002849
 """Largest over optimal length of the muscles below the mandible."""
 
-MUSCLES = {
+PUBLISHED_MUSCLES = {
     "at": MuscleValues(158.0, 1.269790839290414, 0.50),
     "mt": MuscleValues(95.6, 1.418629387630693, 0.48),
     "pt": MuscleValues(75.6, 1.310854623265226, 0.51),

@@ -6,16 +6,21 @@ import numpy as np
 import xarray as xr
 
 from analysis.align import align
+from analysis.incisor import INCISOR
 from analysis.scores import score
-from emgface.anatomy.jaw.emg import CHANNELS
-from emgface.anatomy.jaw.model import AXES
+from emgface.anatomy.jaw.emg import JAW_CHANNELS
 from emgface.anatomy.jaw.skull import in_skull
 from emgface.errors import MarkerError
+from emgface.muscles import AXES
 from emgface.schema.validation import validate
 from emgface.signals.resampling import resample
 from emgface.volunteers.emg import band_limited_noise
 
-PICKUP: Final = {"TEM": {"at": 1.0}, "MAS": {"sm": 0.8, "dm": 0.2}, "DIG": {"ad": 0.7, "am": 0.3}}
+JAW_PICKUP: Final = {
+    "TEM": {"at": 1.0},
+    "MAS": {"sm": 0.8, "dm": 0.2},
+    "DIG": {"ad": 0.7, "am": 0.3},
+}
 """Muscles under every electrode pair, with their shares of its amplitude (assumption)."""
 CROSS_TALK: Final = 0.05
 """Amplitude of the other channels of a side in each channel, relative to theirs (assumption)."""
@@ -24,14 +29,13 @@ RATE: Final = 2048.0, 100.0
 AMPLITUDE: Final = 400e-6, 0.3
 """Median root mean square at full activation [V], and its standard deviation between channels of a
 person (of the logarithm); assumptions of the order of published maximum clenching."""
-NOISE: Final = 5e-6, 0.1e-3
+JAW_NOISE: Final = 5e-6, 0.1e-3
 """Root mean square of the noise of a channel [V], and of a coordinate of the incisor [m]."""
-SHIFT: Final = 0.2
+LARGEST_SHIFT: Final = 0.2
 """Largest shift of a motion that sEMG drives [s], the window of the features; delays between sEMG and
 motion are shorter."""
-FARTHEST: Final = 0.2
+LARGEST_JAW_PATH: Final = 0.2
 """Distance of two places of a point of a jaw [m], beyond any opening."""
-INCISOR: Final = "lower_incisor"
 
 
 def simulated_recording(motion: xr.Dataset, *, person: int = 0, repetition: int = 1) -> xr.Dataset:
@@ -56,7 +60,7 @@ def simulated_recording(motion: xr.Dataset, *, person: int = 0, repetition: int 
     SignalError
         The motion is shorter than a period of 15 Hz.
     """
-    names = [f"{name}{side}" for side in ("_L", "_R") for name in CHANNELS]
+    names = [f"{name}{side}" for side in ("_L", "_R") for name in JAW_CHANNELS]
     amplitude = np.random.default_rng(person).lognormal(
         np.log(AMPLITUDE[0]), AMPLITUDE[1], len(names)
     )
@@ -66,7 +70,7 @@ def simulated_recording(motion: xr.Dataset, *, person: int = 0, repetition: int 
     muscles = [str(name) for name in motion["muscle"].values]
     drive = np.zeros((len(names), len(t)))
     for k, name in enumerate(names):
-        for muscle, share in PICKUP[name[:-2]].items():
+        for muscle, share in JAW_PICKUP[name[:-2]].items():
             a = motion["activation"].values[muscles.index(muscle + name[-2:])]
             drive[k] += share * a
     envelope = np.array([np.interp(time_emg, t, row) for row in drive])
@@ -74,11 +78,11 @@ def simulated_recording(motion: xr.Dataset, *, person: int = 0, repetition: int 
     side = np.array([name[-2:] for name in names])
     mixing = np.where(side[:, None] == side, CROSS_TALK, 0.0)
     np.fill_diagonal(mixing, 1.0)
-    emg = mixing @ (amplitude[:, None] * own) + NOISE[0] * rng.standard_normal(own.shape)
+    emg = mixing @ (amplitude[:, None] * own) + JAW_NOISE[0] * rng.standard_normal(own.shape)
     x = in_skull_of(motion, INCISOR)
     times = t[0] + np.arange(int((t[-1] - t[0]) * RATE[1] + 1e-9) + 1) / RATE[1]
     frames = np.array([np.interp(times, t, column) for column in x.T])
-    frames += NOISE[1] * rng.standard_normal(frames.shape)
+    frames += JAW_NOISE[1] * rng.standard_normal(frames.shape)
     recording = xr.Dataset(
         {
             "emg": (("channel", "time_emg"), emg, {"units": "V"}),
@@ -139,11 +143,11 @@ def inaccurate(motion: xr.Dataset) -> bool:
 def aligned(recording: xr.Dataset, motion: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     """Recorded points aligned with a motion, as of `analysis.align.align`, and those of the motion.
 
-    The time of a motion that a recording drives is known, so that it is shifted by at most `SHIFT`:
-    a movement that is repeated would otherwise match another repetition.
+    The time of a motion that a recording drives is known, so that it is shifted by at most
+    `LARGEST_SHIFT`: a movement that is repeated would otherwise match another repetition.
     """
     given, model = paired_incisors(recording, motion)
-    most = SHIFT if "recorded_start" in motion.attrs else None
+    most = LARGEST_SHIFT if "recorded_start" in motion.attrs else None
     return align(given, model, max_shift=most), model
 
 
@@ -195,9 +199,9 @@ def _require_jaw(measured: xr.DataArray) -> None:
     """Refuse points that move farther than a jaw can."""
     span = measured.max("time_marker") - measured.min("time_marker")
     far = np.sqrt((span.transpose("marker", "axis").values ** 2).sum(axis=1))
-    if (far > FARTHEST).any():
+    if (far > LARGEST_JAW_PATH).any():
         name = str(measured["marker"].values[int(np.nanargmax(far))])
         raise MarkerError(
-            f"point {name} moves by {np.nanmax(far):.3g} m, expected less than {FARTHEST:g} m: "
+            f"point {name} moves by {np.nanmax(far):.3g} m, expected less than {LARGEST_JAW_PATH:g} m: "
             "check the unit of the positions"
         )

@@ -6,22 +6,23 @@ import numpy as np
 import xarray as xr
 
 import sim
-from emgface.anatomy.jaw.model import AXES, Floats
+from emgface.anatomy.jaw.model import Floats
 from emgface.anatomy.jaw.probes import Lines, Resistance
 from emgface.anatomy.jaw.scene import JawScene, jaw_scene
 from emgface.anatomy.jaw.series import Excitation
 from emgface.anatomy.jaw.step_error import Jumps, with_step_error
 from emgface.anatomy.jaw.tasks import JawTask, turned_head
 from emgface.errors import JawError
+from emgface.muscles import AXES
 from emgface.schema.validation import validate
 from sim.integrators import Integrator
 from sim.integrators.contract import TimeIntegrator
 from sim.probes import Probe
 from sim.scene import Term
 
-STEP, OUTPUT = 1e-3, 5e-3
+JAW_STEP, JAW_OUTPUT = 1e-3, 5e-3
 """Time step and time between outputs [s]."""
-STILL = 1e-5
+REST_SPEED = 1e-5
 """Speed of every point below which a jaw is at rest [m/s]."""
 LONGER = 8
 """Largest ratio of the duration of a task that ends at rest to the stated one."""
@@ -37,8 +38,8 @@ def simulate_jaw(
     load: tuple[float, float, float] = (0.0, 0.0, 0.0),
     morsel: str | None = None,
     resistance: float = 35.0,
-    step: float = STEP,
-    output: float = OUTPUT,
+    step: float = JAW_STEP,
+    output: float = JAW_OUTPUT,
     integrator: Integrator | None = None,
     check: bool = True,
     tolerance: float | None = None,
@@ -160,8 +161,8 @@ def run_task(jaw: xr.Dataset, task: JawTask, **options: object) -> xr.Dataset:
 
     Exciters that the model lacks, such as those of muscles below a fixed hyoid, are left out; the
     attribute ``absent_exciters`` names them. The duration of a task that ends at rest is doubled until
-    no point is faster than `STILL`, up to `LONGER` times, unless a duration is specified; its attribute
-    ``end_speed`` is the largest speed at the end [m/s].
+    no point is faster than `REST_SPEED`, up to `LONGER` times, unless a duration is specified; its
+    attribute ``end_speed`` is the largest speed at the end [m/s].
     """
     excitation = options.pop("excitation", None) or task.excitations()
     assert isinstance(excitation, Excitation)
@@ -187,7 +188,7 @@ def _until_rest(jaw: xr.Dataset, given: Mapping[str, object], duration: float) -
     bare = {**given, "check": False, "tolerance": None, "progress": None}
     for longer in range(LONGER.bit_length() - 1):
         motion = simulate_jaw(jaw, **bare | {"duration": 2**longer * duration})  # pyright: ignore
-        if end_speed(motion) < STILL:
+        if end_speed(motion) < REST_SPEED:
             return 2**longer * duration
     return LONGER * duration
 
@@ -201,7 +202,7 @@ def end_speed(motion: xr.Dataset) -> float:
 
 def run_excitation(jaw: xr.Dataset, excitation: Excitation, **options: object) -> xr.Dataset:
     """Simulate a jaw until the last instant of excitations; options as of `simulate_jaw`."""
-    duration = OUTPUT * int(float(excitation.time[-1]) / OUTPUT + 1e-9)  # whole outputs
+    duration = JAW_OUTPUT * int(float(excitation.time[-1]) / JAW_OUTPUT + 1e-9)  # whole outputs
     given = {"duration": duration} | options
     return simulate_jaw(jaw, excitation, **given)  # pyright: ignore[reportArgumentType]
 
@@ -258,9 +259,9 @@ def drawn(jaw: xr.Dataset, bodies: tuple[str, ...]) -> dict[str, object]:
 
 __all__ = [
     "AXES",
-    "OUTPUT",
-    "STEP",
-    "STILL",
+    "JAW_OUTPUT",
+    "JAW_STEP",
+    "REST_SPEED",
     "drawn",
     "end_speed",
     "run_excitation",

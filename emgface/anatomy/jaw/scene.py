@@ -8,14 +8,15 @@ import numpy as np
 import xarray as xr
 
 import sim
-from emgface.anatomy.jaw.laws import LAWS, RELATIONS, MuscleLine
-from emgface.anatomy.jaw.model import AXES, KINDS, Floats
+from emgface.anatomy.jaw.laws import MUSCLE_LAWS, RELATIONS, MuscleLine
+from emgface.anatomy.jaw.model import JOINT_KINDS, Floats
 from emgface.errors import JawError
+from emgface.muscles import AXES
 from sim.bodies import Motion
 from sim.joints import Joint, PointOnCurve, PointOnPlane, Revolute
 from sim.scene import Term
 
-FAR = 1e9
+DAMPER_LENGTH = 1e9
 """Distance of the fixed ends of dampers against space [m]."""
 
 
@@ -53,7 +54,7 @@ def jaw_scene(
     jaw : xarray.Dataset
         A jaw_model.
     law : str
-        Muscle law, one of `LAWS`.
+        Muscle law, one of `MUSCLE_LAWS`.
     gravity : (3,) [m/s^2]
     head : callable, optional
         Position (3,) and quaternion (4,) of the skull at a time [s], which starts at 0 and (1, 0, 0, 0);
@@ -74,8 +75,8 @@ def jaw_scene(
     SceneError
         A parameter is out of range, or joints contradict each other.
     """
-    if law not in LAWS:
-        raise JawError(f"muscle law {law!r}, expected one of {', '.join(LAWS)}")
+    if law not in MUSCLE_LAWS:
+        raise JawError(f"muscle law {law!r}, expected one of {', '.join(MUSCLE_LAWS)}")
     parts = _Parts(jaw, head, first)
     lines, muscles = _muscles(jaw, parts, law)
     springs = _springs(jaw, parts)
@@ -178,7 +179,7 @@ def _dampers(parts: _Parts) -> list[Term]:
         damping, at = float(row["body_damping"]), row["body_damped_at"]
         if damping > 0.0 and not _damped_at_centre(row):
             near = parts.add(name, at)
-            far = [parts.add("", at + FAR * axis) for axis in np.eye(3)]
+            far = [parts.add("", at + DAMPER_LENGTH * axis) for axis in np.eye(3)]
             fibres = [sim.LineFibre(0, np.array([node, near])) for node in far]
             own = (f"damping of {name}",)
             dampers.append(sim.LineMuscles(own, fibres, sim.ConstantForce(0.0), damping=damping))
@@ -212,7 +213,7 @@ def _muscles(jaw: xr.Dataset, parts: _Parts, law: str) -> tuple[list[Term], dict
     damped = jaw["muscle_damping"].values * (relation_of is None)
     for damping, chosen in _by_damping(damped):
         values = [{name: float(x[i]) for name, x in columns.items()} for i in chosen]
-        laws = [LAWS[law](own) for own in values]
+        laws = [MUSCLE_LAWS[law](own) for own in values]
         relations = None if relation_of is None else [relation_of(own) for own in values]
         fibres = _fibres(jaw, "muscle", parts, chosen)
         own = tuple(names[i] for i in chosen)
@@ -268,7 +269,7 @@ def _joints(jaw: xr.Dataset, parts: _Parts, points: Mapping[str, int]) -> list[J
     numbers, joints = list(points.values()), list[Joint]()
     for name, row in rows_of(jaw, "joint"):
         kind, body = (
-            KINDS[int(row["joint_kind"])],
+            JOINT_KINDS[int(row["joint_kind"])],
             parts.moving_body(parts.names[int(row["joint_body"])]),
         )
         origin, normal = row["joint_origin"], row["joint_normal"]
@@ -294,4 +295,4 @@ def _joints(jaw: xr.Dataset, parts: _Parts, points: Mapping[str, int]) -> list[J
     return joints
 
 
-__all__ = ["AXES", "LAWS", "JawScene", "jaw_scene"]
+__all__ = ["AXES", "MUSCLE_LAWS", "JawScene", "jaw_scene"]

@@ -130,12 +130,12 @@ def read_probe(path: str | os.PathLike[str], time: Floats) -> Floats:
     return np.where(time < t[0], 0.0, values)
 
 
-INTERVAL: Final = 1e-3
+SERIES_INTERVAL: Final = 1e-3
 """Sampling period of published series [s]."""
 
 
 def read_probes(folder: str | os.PathLike[str], *, duration: float = 1.0) -> Excitation:
-    """Excitations of a folder of published series, sampled every `INTERVAL`.
+    """Excitations of a folder of published series, sampled every `SERIES_INTERVAL`.
 
     The files are called by side and muscle, such as ``lsm.txt``. Those of the mylohyoid drive both
     of its parts, those of the posterior digastric all retractors of the hyoid, as published;
@@ -143,7 +143,7 @@ def read_probes(folder: str | os.PathLike[str], *, duration: float = 1.0) -> Exc
     cannot be read.
     """
     folder = Path(folder)
-    time = (np.arange(round(duration / INTERVAL) + 1) * INTERVAL).astype(np.float64)
+    time = (np.arange(round(duration / SERIES_INTERVAL) + 1) * SERIES_INTERVAL).astype(np.float64)
     values = dict[str, Floats]()
     sides = {"l": "_L", "r": "_R"}
     for path in sorted(folder.glob("*.txt")):
@@ -166,7 +166,7 @@ def morsel_side(folder: str | os.PathLike[str]) -> str | None:
     The series ``lbitecant.txt`` and ``rbitecant.txt`` incline the bite plane on the side of the morsel
     and are zero on the other side. Raises JawError if one cannot be read, or both are not zero.
     """
-    time = (np.arange(round(1.0 / INTERVAL) + 1) * INTERVAL).astype(np.float64)
+    time = (np.arange(round(1.0 / SERIES_INTERVAL) + 1) * SERIES_INTERVAL).astype(np.float64)
     inclined = [
         side
         for side, name in INCLINATIONS

@@ -11,7 +11,7 @@ from emgface.anatomy.jaw.model import Floats
 from sim.probes import Variable
 from sim.state import Control, Outputs, State, StepReport
 
-HALVINGS = 6
+MOST_STEP_HALVINGS = 6
 """Largest number of times that steps are halved to reach a desired error."""
 
 
@@ -57,13 +57,13 @@ def with_step_error(
 ) -> xr.Dataset:
     """Motion with ``numerical_error``; `run` makes one, or its positions alone, with a step [s].
 
-    Steps are halved until the error is at most a tolerance [m], at most `HALVINGS` times; without a
-    tolerance they are those given.
+    Steps are halved until the error is at most a tolerance [m], at most `MOST_STEP_HALVINGS` times;
+    without a tolerance they are those given.
     """
     whole, halved, motion = tolerance is not None, 0, run(step, True)
     finer = run(0.5 * step, whole)
     error = estimated_error(motion, finer, order)
-    while tolerance is not None and error[-1] > tolerance and halved < HALVINGS:
+    while tolerance is not None and error[-1] > tolerance and halved < MOST_STEP_HALVINGS:
         step, halved, motion = 0.5 * step, halved + 1, finer
         finer = run(0.5 * step, whole)
         error = estimated_error(motion, finer, order)

@@ -10,7 +10,7 @@ from emgface.anatomy.jaw.model import Floats
 from emgface.anatomy.jaw.series import Excitation, morsel_side, ramps, read_probes
 from emgface.errors import JawError
 
-RISE = 0.2
+TASK_RISE = 0.2
 """Time over which the excitations of a task rise [s]."""
 
 
@@ -26,7 +26,8 @@ class JawTask:
     excitation : mapping
         Corners (time [s], value) of every exciter.
     head : float
-        Backward rotation of the head about the first cervical vertebra, from 0 over `RISE` [degrees].
+        Backward rotation of the head about the first cervical vertebra, from 0 over `TASK_RISE`
+        [degrees].
     load : (3,) constant force on the lower incisor [N].
     morsel : str or None
         Side of a morsel between the teeth, "L" or "R".
@@ -54,7 +55,7 @@ class JawTask:
 
 
 def _rising(**levels: float) -> dict[str, list[tuple[float, float]]]:
-    return {name: [(0.0, 0.0), (RISE, level)] for name, level in levels.items()}
+    return {name: [(0.0, 0.0), (TASK_RISE, level)] for name, level in levels.items()}
 
 
 def _burst(level: float, *times: float, tone: float = 0.0) -> list[tuple[float, float]]:
@@ -79,7 +80,7 @@ stronger and faster. Levels and times are chosen."""
 
 _OPENERS = {"bi_ad": 1.0, "bi_my": 1.0, "bi_ip": 1.0}
 
-TASKS = {
+JAW_TASKS = {
     "rest": JawTask(
         "rest under gravity, closers at 0.04 %", 2.0, {"bi_close": [(0.0, 4e-4)]}, settles=True
     ),
@@ -142,12 +143,12 @@ are ours."""
 
 def task_of(name: str) -> JawTask:
     """Task of a name, or JawError."""
-    if name not in TASKS:
-        raise JawError(f"no task is called {name!r}, expected one of {', '.join(TASKS)}")
-    return TASKS[name]
+    if name not in JAW_TASKS:
+        raise JawError(f"no task is called {name!r}, expected one of {', '.join(JAW_TASKS)}")
+    return JAW_TASKS[name]
 
 
-SIDES = ("L", "R", "none")
+MORSEL_SIDES = ("L", "R", "none")
 """Sides of a morsel."""
 
 
@@ -156,12 +157,13 @@ def with_series(
 ) -> tuple[JawTask, dict[str, object]]:
     """Task of a name, and its excitations as an option of `run_task` if they are read from a folder.
 
-    `morsel` is one of `SIDES`. By default the side is that of the series, or of the task without series.
-    Raises JawError if the series do not state the side, the side is unknown, or the task has no morsel.
+    `morsel` is one of `MORSEL_SIDES`. By default the side is that of the series, or of the task
+    without series. Raises JawError if the series do not state the side, the side is unknown, or the
+    task has no morsel.
     """
     task = task_of(name)
-    if morsel is not None and morsel not in SIDES:
-        raise JawError(f"morsel = {morsel!r}, expected one of {', '.join(SIDES)}")
+    if morsel is not None and morsel not in MORSEL_SIDES:
+        raise JawError(f"morsel = {morsel!r}, expected one of {', '.join(MORSEL_SIDES)}")
     if morsel is not None and task.morsel is None:
         raise JawError(f"the task {name!r} has no morsel, expected none or the task 'chew'")
     if not task.series or series is None:
@@ -184,7 +186,7 @@ def with_series(
 
 
 def turned_head(degrees: float, centre: Floats) -> "HeadTurn":
-    """Backward rotation of the head about a point over `RISE`, for `jaw_scene`."""
+    """Backward rotation of the head about a point over `TASK_RISE`, for `jaw_scene`."""
     return HeadTurn(np.radians(degrees), centre)
 
 
@@ -197,7 +199,7 @@ class HeadTurn:
 
     def __call__(self, t: float) -> tuple[Floats, Floats]:
         """Position and quaternion at a time [s]."""
-        s = min(max(t / RISE, 0.0), 1.0)
+        s = min(max(t / TASK_RISE, 0.0), 1.0)
         half = 0.5 * self.angle * s * s * (3.0 - 2.0 * s)
         c, n = np.cos(2.0 * half), np.sin(2.0 * half)
         y, z = -self.centre[1], -self.centre[2]

@@ -9,13 +9,13 @@ import xarray as xr
 import sim
 from emgface.anatomy.jaw.series import Excitation, ramps
 from emgface.anatomy.tongue.parameters import TongueParameters
-from emgface.anatomy.tongue.run import STEP, simulate_tongue
+from emgface.anatomy.tongue.run import TONGUE_STEP, simulate_tongue
 from emgface.errors import TongueError
 from emgface.face.parts import Floats
 
-LEVEL, DURATION = 0.3, 1.0
+ACTION_LEVEL, ACTION_DURATION = 0.3, 1.0
 """Largest excitation, and time in which it rises and falls [s] (published test of the tongue)."""
-FORWARD, UP = 1, 2
+FORWARD, UP_AXIS = 1, 2
 
 
 def muscle_exciters(tongue: xr.Dataset) -> list[str]:
@@ -25,7 +25,9 @@ def muscle_exciters(tongue: xr.Dataset) -> list[str]:
     return [f"bi_{name}" if f"bi_{name}" in known else name for name in names]
 
 
-def raised_muscles(*exciters: str, level: float = LEVEL, duration: float = DURATION) -> Excitation:
+def raised_muscles(
+    *exciters: str, level: float = ACTION_LEVEL, duration: float = ACTION_DURATION
+) -> Excitation:
     """Excitations that rise linearly from 0 to a level and fall back within a duration [s]."""
     twice = sorted({name for name in exciters if exciters.count(name) > 1})
     if twice:
@@ -53,7 +55,7 @@ def action(motion: xr.Dataset) -> dict[str, float]:
     measures = dict[str, float]()
     for name in ("tip", "back"):
         at = d.sel(marker=name).values
-        measures |= {f"{name}_forward": at[k, FORWARD], f"{name}_up": at[k, UP]}
+        measures |= {f"{name}_forward": at[k, FORWARD], f"{name}_up": at[k, UP_AXIS]}
     for name, axis in (("longer", FORWARD), ("wider", 0)):
         size = size_along(motion, axis)
         measures[name] = float(1e3 * (size[k] - size[0]))
@@ -68,8 +70,8 @@ def action_table(
     tongue: xr.Dataset,
     parameters: TongueParameters | None = None,
     *,
-    level: float = LEVEL,
-    step: float = STEP,
+    level: float = ACTION_LEVEL,
+    step: float = TONGUE_STEP,
     progress: Callable[[int, int], None] | None = None,
 ) -> pd.DataFrame:
     """Action of every muscle of both sides, without gravity (`action`).
@@ -84,7 +86,7 @@ def action_table(
             motion = simulate_tongue(
                 tongue,
                 raised_muscles(name, level=level),
-                duration=DURATION,
+                duration=ACTION_DURATION,
                 parameters=p,
                 step=step,
             )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from emgface.anatomy.frame import check_frame
 from emgface.anatomy.jaw.exciters import exciters_of
-from emgface.anatomy.jaw.model import AXES, FRAME
+from emgface.anatomy.jaw.model import JAW_FRAME
 from emgface.anatomy.mesh_model import (
     check_elements,
     check_muscles,
@@ -26,10 +26,11 @@ from emgface.anatomy.mesh_model import (
 )
 from emgface.errors import TongueError
 from emgface.face.parts import Bundle, Fibre, Floats, Integers
+from emgface.muscles import AXES
 from emgface.schema.validation import declared_variables, validate
 from sim.indices import indices
 
-MARKERS = ("tip", "back", "base")
+TONGUE_MARKERS = ("tip", "back", "base")
 """Named nodes of every tongue: tip, highest part of the dorsum, and lowest part of the root."""
 
 
@@ -64,7 +65,7 @@ def build_tongue(
     bundles : one per muscle.
     force_max : largest active force of every muscle [N]; its keys are the muscles, in order, with
         ``_L`` or ``_R`` where they have sides.
-    markers : nodes by name; at least `MARKERS`.
+    markers : nodes by name; at least `TONGUE_MARKERS`.
     name, origin, source : description.
     node_id, element_id : ids in the source; by default counted from 1.
     facets : nodes (facets, 4), outward, of named parts of the boundary.
@@ -112,7 +113,7 @@ def build_tongue(
     if postures:
         arrays["posture"] = list(postures)
         arrays["posture_displacement"] = float_array(np.array(list(postures.values())))
-    described = {"name": name, "origin": origin, "source": source, "frame": FRAME}
+    described = {"name": name, "origin": origin, "source": source, "frame": JAW_FRAME}
     described |= {"schema": "tongue_model", "schema_version": 1}
     variables = declared_variables("tongue_model", **arrays)
     ds = xr.Dataset(variables, attrs={**described, **(attrs or {})})
@@ -125,15 +126,17 @@ def check_tongue(ds: xr.Dataset) -> xr.Dataset:
     Raises SchemaError or UnitsError as the schema does, and TongueError if an element refers to a
     node that does not exist or is inverted at a quadrature point at rest (a stored shape may invert
     corners), a node belongs to no element, a muscle has no element, one twice or no fibre, a
-    marker of `MARKERS` is absent, or the tongue is turned or mirrored relative to its frame.
+    marker of `TONGUE_MARKERS` is absent, or the tongue is turned or mirrored relative to its frame.
     """
     check_references(ds, (("marker_node", "marker"),), TongueError)
     ds = validate(ds, "tongue_model")
     check_elements(ds, TongueError, corners=False)
     check_muscles(ds, TongueError)
-    for name in MARKERS:
+    for name in TONGUE_MARKERS:
         if name not in ds["marker"].values:
-            raise TongueError(f"marker {name} is absent, expected the nodes {', '.join(MARKERS)}")
+            raise TongueError(
+                f"marker {name} is absent, expected the nodes {', '.join(TONGUE_MARKERS)}"
+            )
     without = np.setdiff1d(np.arange(ds.sizes["muscle"]), ds["fibre_muscle"].values)
     if without.size:
         raise TongueError(f"muscle {ds['muscle'].values[without[0]]} has no fibre, expected one")
@@ -143,7 +146,7 @@ def check_tongue(ds: xr.Dataset) -> xr.Dataset:
             f"fibre point {int(np.argmax(apart))} is a node and lies on a body, expected one of them"
         )
     node = dict(zip(map(str, ds["marker"].values), ds["marker_node"].values, strict=True))
-    tip, back, base = (ds["position"].values[node[name]] for name in MARKERS)
+    tip, back, base = (ds["position"].values[node[name]] for name in TONGUE_MARKERS)
     directions = {
         "right": muscles_to_the_right(ds),
         "superior": back - (tip + base) / 2,

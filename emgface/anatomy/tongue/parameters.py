@@ -2,7 +2,7 @@
 
 from typing import Final, Literal
 
-from emgface.choices import BLEMKER, OWN, STAVNESS, Parameters, choice, parameter, positive
+from emgface.choices import BLEMKER, STAVNESS, THIS_PACKAGE, Parameters, choice, parameter, positive
 from emgface.errors import TongueError
 
 PROGRAM = "published program of the tongue (ArtiSynth Models)"
@@ -62,13 +62,13 @@ class TongueParameters(Parameters):
     damping_tangent: Literal["current", "passive", "rest"] = choice(
         "current",
         "Stiffness of the damping: with active muscles, without them, or at rest.",
-        source=OWN,
+        source=THIS_PACKAGE,
         note="the default is also that of faces; the published program uses 'current'",
     )
     gravity: bool = choice(True, "Gravity of 9.8 m/s^2 along -z.", source=STAVNESS)
 
 
-VARIANTS: Final = {
+TONGUE_VARIANTS: Final = {
     "elements": TongueParameters(),
     "lines": TongueParameters(muscles="lines", incompressibility="hard"),
     "linear": TongueParameters(muscles="lines", law="linear"),
@@ -87,6 +87,6 @@ elasticity, and element muscles with a stronger pressure and less damping by sti
 
 def variant(name: str, **changes: object) -> TongueParameters:
     """Parameters of a variant with changes; TongueError if the variant is unknown."""
-    if name not in VARIANTS:
-        raise TongueError(f"no variant {name!r}, expected one of {', '.join(VARIANTS)}")
-    return TongueParameters.model_validate(VARIANTS[name].model_dump() | changes)
+    if name not in TONGUE_VARIANTS:
+        raise TongueError(f"no variant {name!r}, expected one of {', '.join(TONGUE_VARIANTS)}")
+    return TongueParameters.model_validate(TONGUE_VARIANTS[name].model_dump() | changes)

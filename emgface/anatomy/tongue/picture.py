@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from analysis.figures.style import COLOURS, blank, grid, styled
 from emgface.anatomy.jaw.picture import RELAXED, drawn_times, moving_page
-from emgface.anatomy.tongue.template.muscles import MUSCLES
+from emgface.anatomy.tongue.template.muscles import TONGUE_MUSCLES
 from emgface.face.parts import Floats
 from emgface.face.quality import element_centres
 from emgface.face.surface import boundary_faces, triangles
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 TISSUE = (0.87, 0.60, 0.58)
 """Colour of the tongue."""
-NAMES = {name: muscle.title for name, muscle in MUSCLES.items()}
+TONGUE_MUSCLE_TITLES = {name: muscle.title for name, muscle in TONGUE_MUSCLES.items()}
 """Full names of the muscles of a tongue."""
-RADIUS, AROUND = 0.35e-3, 5
+DRAWN_FIBRE_RADIUS, DRAWN_FIBRE_SIDES = 0.35e-3, 5
 """Radius of a drawn fibre [m], and its number of sides."""
-CAPTION = (
+TONGUE_CAPTION = (
     "Simulated. Above: contour in the midsagittal plane (or the outline from the left) at the start, at "
     "the largest activation and at the end, and activation of the muscles that are active. Below: "
     "displacement of tip and back forwards and upwards, and change of the volume."
@@ -42,8 +42,8 @@ def tongue_page(motion: xr.Dataset) -> str:
         words="The motion of the tongue is simulated: its left half, and the fibres of both halves.",
         heading="Shapes and activations",
         figure=tongue_figure(motion),
-        caption=CAPTION,
-        names=NAMES,
+        caption=TONGUE_CAPTION,
+        names=TONGUE_MUSCLE_TITLES,
     )
 
 
@@ -93,10 +93,10 @@ def tube(line: Floats) -> tuple[Floats, NDArray[np.int64]]:
     side = np.cross(along, np.array([1.0, 0.2, 0.1]))
     side /= np.linalg.norm(side, axis=2, keepdims=True) + 1e-12
     other = np.cross(along, side)
-    angle = np.linspace(0.0, 2.0 * np.pi, AROUND, endpoint=False)[:, None]
+    angle = np.linspace(0.0, 2.0 * np.pi, DRAWN_FIBRE_SIDES, endpoint=False)[:, None]
     ring = np.cos(angle) * side[:, :, None] + np.sin(angle) * other[:, :, None]
-    points = line[:, :, None] + RADIUS * ring
-    index = np.arange(line.shape[1] * AROUND).reshape(-1, AROUND)
+    points = line[:, :, None] + DRAWN_FIBRE_RADIUS * ring
+    index = np.arange(line.shape[1] * DRAWN_FIBRE_SIDES).reshape(-1, DRAWN_FIBRE_SIDES)
     after = np.roll(index, -1, axis=1)
     quads = np.stack([index[:-1], after[:-1], after[1:], index[1:]], axis=-1).reshape(-1, 4)
     return points.reshape(len(line), -1, 3), np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])

@@ -26,15 +26,15 @@ from emgface.texts import labelled, open_text, read_text
 
 Forces = Literal["standard", "strong"]
 
-SOURCE = (
+TONGUE_SOURCE = (
     "Buchaillard, Perrier and Payan 2009, A biomechanical model of cardinal vowel production; Stavness, "
     "Lloyd, Payan and Fels 2011; artisynth_models, tongue"
 )
 TURN = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Rotation of positions in the published frame into that of the package, x = TURN X."""
-SHIFT = np.array([2e-3, 0.0, 0.0])
+COUPLED_DISPLACEMENT = np.array([2e-3, 0.0, 0.0])
 """Displacement of the tongue when it is coupled to the jaw, in the published frame [m]."""
-MARKERS = {"tip": 919, "back": 869, "base": 927}
+MARKER_NODES = {"tip": 919, "back": 869, "base": 927}
 POSTURES = {
     "rest": "tongue_rest",
     "rest_il01": "tongue_rest_il01",
@@ -86,8 +86,8 @@ def import_tongue(
     if rest is not None:
         if rest not in shapes:
             raise TongueError(f"no stored shape {rest!r}, expected one of {', '.join(shapes)}")
-        X = X + SHIFT + shapes[rest]
-        styloid = styloid + SHIFT
+        X = X + COUPLED_DISPLACEMENT + shapes[rest]
+        styloid = styloid + COUPLED_DISPLACEMENT
         shapes = {name: d - shapes[rest] for name, d in shapes.items()}
     fibres = _fibres(place, np.concatenate([X, styloid]), len(X))
     bundles = _bundles(place, fibres, element_centres(X, connectivity))
@@ -98,10 +98,10 @@ def import_tongue(
         fibres=[Fibre(f.muscle, f.position @ TURN.T, f.node, f.body) for f in fibres],
         bundles=[Bundle(b.muscle, b.element, b.direction @ TURN.T) for b in bundles],
         force_max=_forces(place / _FORCES[forces], [b.muscle for b in bundles]),
-        markers=MARKERS,
+        markers=MARKER_NODES,
         name="published tongue" if rest is None else f"published tongue, rest shape {rest}",
         origin="published geometry, imported",
-        source=SOURCE,
+        source=TONGUE_SOURCE,
         node_id=nodes.id,
         element_id=listed.id,
         contour=_positions(place / "tongueContourNodes.txt"),
@@ -154,7 +154,7 @@ def _postures(folder: Path, X: Floats) -> dict[str, Floats]:
         if rows.shape != X.shape:
             raise TongueError(f"{path} has {len(rows)} rows, expected {len(X)}, one for each node")
         scale = 1.0 if name == "jaw_open_a" else 1e-3
-        shapes[name] = scale * rows - SHIFT - X
+        shapes[name] = scale * rows - COUPLED_DISPLACEMENT - X
     return shapes
 
 
@@ -163,7 +163,7 @@ def _positions(path: Path) -> Integers:
     return np.array([int(word) for line in _lines(path) for word in line.split()])
 
 
-ROUNDING: Final = 1e-6  #: largest excess of an excitation over 0-1 that is clipped
+EXCITATION_ROUNDING: Final = 1e-6  #: largest excess of an excitation over 0-1 that is clipped
 GESTURE: Final = ("GGP", "GGM", "GGA", "STY", "GH", "MH", "HG", "VERT", "TRANS", "IL", "SL")
 """Muscles of the columns of a published gesture, both sides of each."""
 
@@ -192,7 +192,11 @@ def read_gesture(path: str | os.PathLike[str]) -> Excitation:
         ) from error
     values = rows[:, 1:]
     time = started(place, lines[0].split(), rows[:, 0], TongueError)
-    if not np.isfinite(values).all() or values.min() < -ROUNDING or values.max() > 1.0 + ROUNDING:
+    if (
+        not np.isfinite(values).all()
+        or values.min() < -EXCITATION_ROUNDING
+        or values.max() > 1.0 + EXCITATION_ROUNDING
+    ):
         raise TongueError(
             f"{place} contains excitations from {values.min():.3g} to {values.max():.3g}, "
             "expected 0 to 1"

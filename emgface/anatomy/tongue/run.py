@@ -15,7 +15,7 @@ from emgface.schema.validation import validate
 from sim.integrators import Integrator
 from sim.kinematics.members import NodeMotion
 
-STEP, OUTPUT = 5e-3, 10e-3
+TONGUE_STEP, TONGUE_OUTPUT = 5e-3, 10e-3
 """Largest time step and time between outputs [s]."""
 INSIDE = 0.02
 """Tolerance for fibre points outside an element, as a negative shape function [1]."""
@@ -28,8 +28,8 @@ def simulate_tongue(
     duration: float,
     parameters: TongueParameters | None = None,
     paths: Mapping[str, NodeMotion] | None = None,
-    step: float = STEP,
-    output: float = OUTPUT,
+    step: float = TONGUE_STEP,
+    output: float = TONGUE_OUTPUT,
     integrator: Integrator | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> xr.Dataset:

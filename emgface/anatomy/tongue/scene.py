@@ -13,13 +13,13 @@ from emgface.anatomy.tongue.parameters import TongueParameters
 from emgface.errors import TongueError
 from emgface.face.parts import Floats
 from emgface.face.quality import element_quality, is_wedge
-from emgface.face.recipe import DAMPING, GRAVITY
+from emgface.face.recipe import DAMPING_BY_STIFFNESS, GRAVITY
 from sim.kinematics.members import Member, NodeMotion
 from sim.scene import Term
 
 Indices = NDArray[np.int64]
 
-LINE = ":line"
+LINE_ENDING = ":line"
 """Ending of the name, in a scene, of the lines of a muscle that also has element fibres."""
 
 
@@ -85,7 +85,7 @@ def tongue_part(tongue: xr.Dataset, p: TongueParameters, *, before: int = 0) -> 
     return TonguePart(
         mesh,
         tuple(terms),
-        DAMPING[p.damping_tangent](p.alpha, p.beta) if p.alpha or p.beta else None,
+        DAMPING_BY_STIFFNESS[p.damping_tangent](p.alpha, p.beta) if p.alpha or p.beta else None,
         (sim.HardElementVolume(),) if p.incompressibility == "hard" else (),
         _attachments(tongue, before, numbers),
         points,
@@ -134,7 +134,7 @@ def tongue_activation(tongue: xr.Dataset, system: sim.System, values: Floats) ->
     Muscles of the scene that are not of the tongue are not active.
     """
     column = {str(m): k for k, m in enumerate(tongue["muscle"].values)}
-    own = [column.get(name.removesuffix(LINE), -1) for name in system.muscles]
+    own = [column.get(name.removesuffix(LINE_ENDING), -1) for name in system.muscles]
     padded = np.concatenate([values, np.zeros((len(values), 1))], axis=1)
     return padded[:, own]
 
@@ -229,7 +229,7 @@ def _outside_lines(tongue: xr.Dataset, numbers: Indices, p: TongueParameters) ->
     if not len(leaving) or not p.outside_force:
         return []
     share = np.where(np.isin(muscle[fibre], leaving), p.outside_force, 0.0)
-    names = tuple(f"{tongue['muscle'].values[m]}{LINE}" for m in leaving)
+    names = tuple(f"{tongue['muscle'].values[m]}{LINE_ENDING}" for m in leaving)
     rank = {int(m): k for k, m in enumerate(leaving)}
     fibres = [
         sim.LineFibre(rank[line.muscle], line.points, line.share)

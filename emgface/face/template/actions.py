@@ -43,10 +43,10 @@ class Action:
     closes: bool = False
 
 
-HALF: Final = 0.5  #: activation of the pairs whose actions are compared [1]
+COMPARED_ACTIVATION: Final = 0.5  #: activation of the pairs whose actions are compared [1]
 PASSED: Final = 1e-4  #: depth above which lips are regarded as penetrating each other [m]
 
-MOVED: Final = 1e-4  #: displacement below which a marker is regarded as not moved [m]
+LEAST_DISPLACEMENT: Final = 1e-4  #: displacement below which a marker is regarded as not moved [m]
 
 ACTIONS: Final[Mapping[str, Action]] = {
     muscle: Action(
@@ -116,9 +116,9 @@ def steady_positions(
 def moves_as_described(face: xr.Dataset, muscle: str, position: Floats) -> bool:
     """Test if node positions (nodes, 3) [m] show the anatomical action of a muscle.
 
-    Every displacement of `ACTIONS` must have its sign and exceed `MOVED`. For a muscle that closes
-    the lips, the margin of the upper lip must move down and that of the lower lip up in the midline
-    by more than `MOVED`, and at least half of the opening must be closed.
+    Every displacement of `ACTIONS` must have its sign and exceed `LEAST_DISPLACEMENT`. For a muscle
+    that closes the lips, the margin of the upper lip must move down and that of the lower lip up in
+    the midline by more than `LEAST_DISPLACEMENT`, and at least half of the opening must be closed.
     """
     rest, action = face["position"].values, ACTIONS[muscle]
     node = dict(zip(face["marker"].values.tolist(), face["marker_node"].values, strict=True))
@@ -128,7 +128,9 @@ def moves_as_described(face: xr.Dataset, muscle: str, position: Floats) -> bool:
         moves += [(upper, 2, -1), (lower, 2, 1)]
         if lip_opening(face, position) > 0.5 * lip_opening(face, rest):
             return False
-    return all(sign * (position - rest)[place, axis] > MOVED for place, axis, sign in moves)
+    return all(
+        sign * (position - rest)[place, axis] > LEAST_DISPLACEMENT for place, axis, sign in moves
+    )
 
 
 def muscle_actions(
@@ -139,15 +141,15 @@ def muscle_actions(
 ) -> pd.DataFrame:
     """Displacement of the lips by every muscle pair, with its anatomical action.
 
-    Both muscles of a pair are activated by `HALF`; by default sigma_max is 100 kPa, gravity is
-    off, and lips and teeth are in contact. The table (index `muscle`) contains the displacement
-    [mm] of the left corner and the left upper and lower paramedian marker along x (positive:
-    medially), y (anterior) and z (up); the `opening` of the lips, negative if the upper margin is
-    below the lower one in the midline, and the depth of the lips in each other [mm]; smallest det
-    F, the action, its source, and `agrees`, True if `moves_as_described` and the lips penetrate
-    each other by at most `PASSED`. Errors as of `steady_positions`.
+    Both muscles of a pair are activated by `COMPARED_ACTIVATION`; by default sigma_max is 100 kPa,
+    gravity is off, and lips and teeth are in contact. The table (index `muscle`) contains the
+    displacement [mm] of the left corner and the left upper and lower paramedian marker along x
+    (positive: medially), y (anterior) and z (up); the `opening` of the lips, negative if the upper
+    margin is below the lower one in the midline, and the depth of the lips in each other [mm];
+    smallest det F, the action, its source, and `agrees`, True if `moves_as_described` and the lips
+    penetrate each other by at most `PASSED`. Errors as of `steady_positions`.
     """
-    runs = [{f"{muscle}_{side}": HALF for side in "LR"} for muscle in muscles]
+    runs = [{f"{muscle}_{side}": COMPARED_ACTIVATION for side in "LR"} for muscle in muscles]
     position, smallest = steady_positions(face, runs, parameters=parameters)
     moved = 1e3 * (position - face["position"].values)
     marker = {

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from emgface.face.parts import FREE, MANDIBLE, SKULL
 from emgface.face.surface import boundary_faces
-from emgface.face.template.grid import LAYERS, MARKER_RAY, Grid
+from emgface.face.template.grid import LAYER_COUNT, MARKER_RAY, Grid
 from emgface.face.template.surface import Surfaces
 
 Floats = NDArray[np.float64]
@@ -32,7 +32,7 @@ def fixed_nodes(surfaces: Surfaces, grid: Grid) -> NDArray[np.int8]:
     lower = 0.75 * m.lower_lip_height + cheek * (0.60 * m.chin_height - 0.75 * m.lower_lip_height)
     height = np.where(tau >= 0.0, upper, lower)
     outside = (xi / (0.58 * m.face_width)) ** _POWER + (np.abs(tau) / height) ** _POWER >= 1.0
-    fixed = np.zeros((*outside.shape, LAYERS + 1), dtype=bool)
+    fixed = np.zeros((*outside.shape, LAYER_COUNT + 1), dtype=bool)
     fixed[..., 0] = outside
     fixed[:, -1, :] = True
     bone = np.where(tau >= 0.0, SKULL, MANDIBLE)[..., None]
@@ -84,12 +84,12 @@ def lip_marker_nodes(grid: Grid) -> Integers:
         -lower_paramedian,
         -lower_lateral,
     ]
-    return grid.index[np.array(rays) % grid.rays, grid.rings[0], LAYERS]
+    return grid.index[np.array(rays) % grid.rays, grid.rings[0], LAYER_COUNT]
 
 
 def lip_opening_nodes(grid: Grid) -> Integers:
     """Midline nodes of the upper and the lower margin, on the skin side."""
-    return grid.index[[0, grid.rays // 2], 0, LAYERS]
+    return grid.index[[0, grid.rays // 2], 0, LAYER_COUNT]
 
 
 def face_marker_positions(surfaces: Surfaces) -> Floats:

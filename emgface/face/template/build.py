@@ -23,7 +23,7 @@ from emgface.face.template.calibrate import calibrated_surfaces
 from emgface.face.template.grid import Grid, make_grid
 from emgface.face.template.measures import Measures, least_usual
 from emgface.face.template.muscles import (
-    RADIUS,
+    MUSCLE_RADIUS,
     CourseShift,
     Muscles,
     Ring,
@@ -49,7 +49,7 @@ def template_face(
     measures: Measures | Mapping[str, float] | None = None,
     preset: str = "adult",
     seed: int | None = None,
-    radius: float = RADIUS,
+    radius: float = MUSCLE_RADIUS,
     courses: CourseShift | None = None,
     rings: Mapping[str, Ring] | None = None,
     name: str = "",

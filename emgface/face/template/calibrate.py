@@ -18,8 +18,9 @@ from emgface.face.template.surface import Surfaces
 
 Floats = NDArray[np.float64]
 
-TOLERANCE: Final = 0.05e-3  #: tolerance of the measures of the surface at which the search ends [m]
-LARGEST_MISS: Final = 0.5e-3
+#: tolerance of the measures of the surface at which the search ends [m]
+MEASURE_TOLERANCE: Final = 0.05e-3
+LARGEST_MEASURE_MISS: Final = 0.5e-3
 """Largest accepted difference of the measures if the search does not converge [m]."""
 _ROUNDS: Final = 60
 _MIDLINE_S: Final = np.unique(
@@ -92,7 +93,7 @@ def calibrated_surfaces(measures: Measures) -> Surfaces:
         size = max(map(abs, miss.values()))
         if best is None or size < best[0]:
             best = size, miss, surfaces
-        if size <= TOLERANCE:
+        if size <= MEASURE_TOLERANCE:
             break
         for name, difference in miss.items():
             values[name] += 0.7 * difference
@@ -102,7 +103,7 @@ def calibrated_surfaces(measures: Measures) -> Surfaces:
             "a value closer to the mean"
         )
     size, miss, surfaces = best
-    if size <= LARGEST_MISS:
+    if size <= LARGEST_MEASURE_MISS:
         return surfaces
     worst = max(miss, key=lambda name: abs(miss[name]))
     raise FaceError(

@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emgface.errors import FaceError
-from emgface.face.template.outline import CURVES
+from emgface.face.template.outline import RING_CURVES
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-LAYERS: Final = 3
-RESOLUTIONS: Final = {"coarse": 576, "medium": 2448, "fine": 6480}  #: named numbers of elements
+LAYER_COUNT: Final = 3
+#: named numbers of elements
+FACE_RESOLUTIONS: Final = {"coarse": 576, "medium": 2448, "fine": 6480}
 RAYS_PER_STEP: Final = 24
 """Number of rays is a multiple of this, so that midlines, corners and markers lie on rays."""
 MARKER_RAY: Final = {"paramedian": 1.0 / 6.0, "lateral": 0.5}
@@ -44,14 +45,14 @@ class Grid:
     @property
     def shape(self) -> tuple[int, int, int]:
         """Nodes over rays, rings and sheets."""
-        return self.rays, self.n_rings + 1, LAYERS + 1
+        return self.rays, self.n_rings + 1, LAYER_COUNT + 1
 
     @cached_property
     def s(self) -> Floats:
         """Ring coordinate of every ring of nodes, shape (n_rings + 1,)."""
         parts = [
             np.linspace(low, high, n, endpoint=False)
-            for low, high, n in zip(CURVES[:-1], CURVES[1:], self.rings, strict=True)
+            for low, high, n in zip(RING_CURVES[:-1], RING_CURVES[1:], self.rings, strict=True)
         ]
         return np.concatenate([*parts, [1.0]])
 
@@ -78,20 +79,20 @@ class Grid:
         quads = np.stack(corners, axis=-1)
         rows = [
             np.concatenate([quads[:, :, k], quads[:, :, k + 1]], axis=-1).reshape(-1, 8)
-            for k in range(LAYERS)
+            for k in range(LAYER_COUNT)
         ]
         return np.concatenate(rows)
 
     @cached_property
     def layer(self) -> Integers:
         """Layer of every element."""
-        return np.repeat(np.arange(LAYERS), self.rays * self.n_rings)
+        return np.repeat(np.arange(LAYER_COUNT), self.rays * self.n_rings)
 
     @cached_property
     def element_place(self) -> tuple[Integers, Integers]:
         """Ray and ring of every element."""
         ray, ring = np.divmod(np.arange(self.rays * self.n_rings), self.n_rings)
-        return np.tile(ray, LAYERS), np.tile(ring, LAYERS)
+        return np.tile(ray, LAYER_COUNT), np.tile(ring, LAYER_COUNT)
 
     @cached_property
     def mirror_element(self) -> Integers:
@@ -136,24 +137,24 @@ def refined_grid(k: int) -> Grid:
 
 
 def make_grid(resolution: str | int | Grid) -> Grid:
-    """Return the grid for a name of `RESOLUTIONS` or an approximate number of elements.
+    """Return the grid for a name of `FACE_RESOLUTIONS` or an approximate number of elements.
 
     Raises FaceError if the name is unknown or the number below 400 or above 200 000.
     """
     if isinstance(resolution, Grid):
         return resolution
     if isinstance(resolution, str):
-        if resolution not in RESOLUTIONS:
+        if resolution not in FACE_RESOLUTIONS:
             raise FaceError(
-                f"the resolution is {resolution!r}, expected one of {', '.join(RESOLUTIONS)} or a "
+                f"the resolution is {resolution!r}, expected one of {', '.join(FACE_RESOLUTIONS)} or a "
                 "number of elements"
             )
-        wanted = RESOLUTIONS[resolution]
+        wanted = FACE_RESOLUTIONS[resolution]
     else:
         wanted = int(resolution)
     if not 400 <= wanted <= 200_000:
         raise FaceError(f"the resolution is {wanted} elements, expected 400 to 200000")
-    columns = wanted / LAYERS
+    columns = wanted / LAYER_COUNT
     steps = max(1, round(np.sqrt(columns / RINGS_OVER_RAYS) / RAYS_PER_STEP))
     rays = steps * RAYS_PER_STEP
     total = max(6, round(columns / rays))

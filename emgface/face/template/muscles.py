@@ -27,7 +27,8 @@ from emgface.muscles import MODELLED
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-RADIUS: Final = 5e-3  #: distance from a fibre within which tissue is muscle [m] (Eskes et al. 2017)
+#: distance from a fibre within which tissue is muscle [m] (Eskes et al. 2017)
+MUSCLE_RADIUS: Final = 5e-3
 LEAST_SHARE: Final = 0.01  #: fraction of an element below which it does not belong to a muscle [1]
 
 
@@ -51,7 +52,7 @@ class Ring:
 
 
 _PERIPHERAL: Final = VERMILION + (PERIORAL - VERMILION) / 3.0
-RINGS: Final[Mapping[str, Ring]] = {
+RING_MUSCLES: Final[Mapping[str, Ring]] = {
     "OOM": Ring(0.0, VERMILION, (CENTRE,), 0.65),
     "OOP": Ring(_PERIPHERAL, PERIORAL, (INNER, CENTRE), 0.4),
 }
@@ -149,7 +150,7 @@ def place_muscles(
     grid: Grid,
     position: Floats,
     *,
-    radius: float = RADIUS,
+    radius: float = MUSCLE_RADIUS,
     shift: CourseShift | None = None,
     rings: Mapping[str, Ring] | None = None,
 ) -> Muscles:
@@ -157,8 +158,8 @@ def place_muscles(
 
     A muscle fills a fraction of each element: that within `radius` [m] of its fibres, or all of it
     in the rings. The skin layer belongs to no muscle but a superficial ring. The direction of
-    elements of the rings is along the ring; `rings` replace some of `RINGS`. A `shift` of a course
-    that would move a point out of the tissue is halved until it does not, or omitted. Raises
+    elements of the rings is along the ring; `rings` replace some of `RING_MUSCLES`. A `shift` of a
+    course that would move a point out of the tissue is halved until it does not, or omitted. Raises
     FaceError, with muscle and point, if a point of a muscle is outside the tissue, or if a ring is
     unknown or contains no element.
     """
@@ -167,9 +168,9 @@ def place_muscles(
     half = ray < grid.rays // 2
     soft = np.flatnonzero((grid.layer != OUTER) & half)
     for muscle in rings or {}:
-        if muscle not in RINGS:
-            raise FaceError(f"ring {muscle!r}, expected one of {', '.join(RINGS)}")
-    chosen = {**RINGS, **(rings or {})}
+        if muscle not in RING_MUSCLES:
+            raise FaceError(f"ring {muscle!r}, expected one of {', '.join(RING_MUSCLES)}")
+    chosen = {**RING_MUSCLES, **(rings or {})}
     along = _ring_directions(grid, position)
     placed = _placed(surfaces, courses(surfaces.measures, surfaces.mouth_half_width), shift)
     fibres: list[Fibre] = []

@@ -13,7 +13,7 @@ import pandas as pd
 
 from emgface.texts import module_rows
 
-SOURCES: Final = {
+NORM_SOURCES: Final = {
     "FACIAL_NORMS": "3D Facial Norms, Weinberg et al. 2016, Cleft Palate Craniofac J 53:e185-e197 (2454 "
     "white North Americans), at 25 years as smoothed over age in the open statistics of Cliniface "
     "(data/stats)",
@@ -56,7 +56,7 @@ def read_norms(module: str, sources: Mapping[str, str]) -> tuple[Norm, ...]:
     return tuple(norms)
 
 
-NORMS: Final = read_norms(__file__, SOURCES)
+NORMS: Final = read_norms(__file__, NORM_SOURCES)
 """All measures, of ``norms.csv``; `norms_table` tabulates them."""
 
 

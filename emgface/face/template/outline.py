@@ -23,7 +23,7 @@ from emgface.face.template.measures import Measures
 Floats = NDArray[np.float64]
 
 MARGIN, VERMILION, PERIORAL, MIDDLE, RIM = 0.0, 0.18, 0.47, 0.76, 1.0  #: rings s of the five curves
-CURVES: Final = (MARGIN, VERMILION, PERIORAL, MIDDLE, RIM)
+RING_CURVES: Final = (MARGIN, VERMILION, PERIORAL, MIDDLE, RIM)
 
 _EVEN_SHARE: Final = 0.2
 """Weight of an even spacing of rays, which avoids very small cells at the corners."""
@@ -45,7 +45,7 @@ def chart(measures: Measures, half_width: float, q: Floats, lip: Floats, s: Floa
     `half_width` is that of the mouth along the skin [m]; `lip` is 1 for upper and -1 for lower.
     """
     knots = np.stack(_curves(measures, half_width, q, lip))
-    return np.moveaxis(PchipInterpolator(CURVES, knots, axis=0)(s), 0, 1)
+    return np.moveaxis(PchipInterpolator(RING_CURVES, knots, axis=0)(s), 0, 1)
 
 
 def _curves(m: Measures, half_width: float, q: Floats, lip: Floats) -> list[Floats]:

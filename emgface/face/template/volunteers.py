@@ -21,12 +21,12 @@ _OLDER: Final[Mapping[str, float]] = _GROUPS["older"]
 _CHILD: Final = 0.86
 _AT_EIGHT: Final[Mapping[str, list[float]]] = _GROUPS["at_eight"]
 """Boys, girls [mm]."""
-PRESETS: Final[Mapping[str, str]] = _GROUPS["presets"]
+GROUP_PRESETS: Final[Mapping[str, str]] = _GROUPS["presets"]
 """Groups of people, with the origin of their means, of ``volunteers.toml``."""
 
 
 def preset_measures(preset: str = "adult") -> Measures:
-    """Mean measures of a group of `PRESETS`; FaceError if its name is unknown."""
+    """Mean measures of a group of `GROUP_PRESETS`; FaceError if its name is unknown."""
     mean, _ = _distribution(preset)
     return Measures(**mean)
 
@@ -43,7 +43,7 @@ def random_measures(
     Every measure is drawn independently from a normal distribution truncated at 2.5 standard
     deviations; correlations between measures are not published for this set and are omitted. A
     person whose measures contradict each other (`Measures`) is drawn again. `preset` is a name of
-    `PRESETS`; "adult" draws women and men with equal probability. `spread` is a factor on the
+    `GROUP_PRESETS`; "adult" draws women and men with equal probability. `spread` is a factor on the
     standard deviations, and `asymmetry` one on those of `ASYMMETRY`; 0 does not change the other
     measures. Raises FaceError if the name is unknown, or a factor is negative or so large that no
     person is possible.
@@ -52,7 +52,7 @@ def random_measures(
         raise FaceError(f"the spread of the volunteers is {spread}, expected a number >= 0")
     if not asymmetry >= 0.0:
         raise FaceError(f"the asymmetry of the volunteers is {asymmetry}, expected a number >= 0")
-    if preset not in PRESETS:
+    if preset not in GROUP_PRESETS:
         _distribution(preset)
     for one in seed if isinstance(seed, tuple | list) else (seed,):
         count("the seed", one, least=0, error=FaceError)
@@ -87,8 +87,8 @@ def _truncated(generator: np.random.Generator) -> float:
 
 def _distribution(preset: str) -> tuple[dict[str, float], dict[str, float]]:
     """Means and standard deviations [m] of the measures of a group."""
-    if preset not in PRESETS:
-        raise FaceError(f"unknown preset {preset!r}, expected one of {', '.join(PRESETS)}")
+    if preset not in GROUP_PRESETS:
+        raise FaceError(f"unknown preset {preset!r}, expected one of {', '.join(GROUP_PRESETS)}")
     mean: dict[str, float] = {}
     deviation: dict[str, float] = {}
     for norm in NORMS:

@@ -14,7 +14,9 @@ from emgface.errors import FitError
 
 Floats = NDArray[np.float64]
 
-UNITS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}  #: metres per unit
+#: metres per unit
+METRES_PER_UNIT: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+MOST_GEOMETRY_BYTES: Final = 500_000_000  #: largest size of a surface or tractography [byte]
 FACE: Final = (0.04, 0.6)
 """Smallest and largest extent of landmarks or surfaces of a face or a bone of the face [m]."""
 
@@ -95,8 +97,10 @@ def metres(
             "numbers: remove or correct it"
         )
     for one in (unit, stated):
-        if one is not None and one not in UNITS:
-            raise FitError(f"{name}: unknown unit {one!r}, expected one of {', '.join(UNITS)}")
+        if one is not None and one not in METRES_PER_UNIT:
+            raise FitError(
+                f"{name}: unknown unit {one!r}, expected one of {', '.join(METRES_PER_UNIT)}"
+            )
     if unit is not None and stated is not None and unit != stated:
         raise FitError(
             f"{name} states the unit {stated}, and {unit} was given: omit the option or correct the "
@@ -105,7 +109,7 @@ def metres(
     extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
     known = stated or unit
     if known is None:
-        likely = [u for u, factor in UNITS.items() if least <= factor * extent <= FACE[1]]
+        likely = [u for u, factor in METRES_PER_UNIT.items() if least <= factor * extent <= FACE[1]]
         hint = (
             f"a surface of this size is likely in {' or '.join(likely)}"
             if likely
@@ -115,10 +119,10 @@ def metres(
             f"{name} does not state its unit; its extent is {extent:.4g} units, and {hint}: give the "
             "unit"
         )
-    size = UNITS[known] * extent
+    size = METRES_PER_UNIT[known] * extent
     if not least <= size <= FACE[1]:
         raise FitError(
             f"{name} has an extent of {extent:.4g} {known}, that is {1e3 * size:.4g} mm, expected "
             f"{1e3 * least:.0f} to {1e3 * FACE[1]:.0f} mm: check the unit"
         )
-    return UNITS[known] * points
+    return METRES_PER_UNIT[known] * points

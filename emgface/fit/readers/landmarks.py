@@ -21,8 +21,8 @@ import pandas as pd
 from emgface.errors import FitError
 from emgface.fit.readers.guard import FACE, Content, Floats, content_of, metres
 
-MOST_BYTES: Final = 20_000_000
-MOST: Final = 5000  #: largest number of landmarks
+MOST_LANDMARK_BYTES: Final = 20_000_000
+MOST_LANDMARKS: Final = 5000  #: largest number of landmarks
 _COLUMN: Final = re.compile(r"\s*([xyz])\s*(?:[_ ]\s*\[?|\[)?\s*(um|mm|cm|m|in)?\s*\]?\s*", re.I)
 _TO_LPS: Final = np.array([-1.0, -1.0, 1.0])
 
@@ -49,7 +49,7 @@ def read_landmarks(
 
     `least` [m] is the smallest extent of the points.
     """
-    content = content_of(path, MOST_BYTES)
+    content = content_of(path, MOST_LANDMARK_BYTES)
     lower = content.name.lower()
     for ending, reader in _READERS.items():
         if lower.endswith(ending):
@@ -100,9 +100,9 @@ def _checked(
     names: list[str], points: Floats, unit: str | None, source: str, digest: str,
     stated: str | None, least: float,
 ) -> Landmarks:  # fmt: skip
-    if not 0 < len(points) <= MOST:
+    if not 0 < len(points) <= MOST_LANDMARKS:
         raise FitError(
-            f"{source} has {len(points)} landmarks, expected 1 to {MOST}: export them again"
+            f"{source} has {len(points)} landmarks, expected 1 to {MOST_LANDMARKS}: export them again"
         )
     own = [plain(n) for n in names]
     for k, name in enumerate(own):

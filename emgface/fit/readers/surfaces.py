@@ -15,16 +15,15 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from emgface.errors import FitError
-from emgface.fit.readers.guard import FACE, content_of, metres
+from emgface.fit.readers.guard import FACE, MOST_GEOMETRY_BYTES, content_of, metres
 from emgface.fit.triangulated import Floats, Integers, Surface
 from sim.indices import whole_numbers
 
-MOST_BYTES: Final = 500_000_000
 MOST_TRIANGLES: Final = 1_500_000
 LEAST_TRIANGLES: Final = 50
-ENDINGS: Final = (".ply", ".obj", ".stl")
-COINCIDE: Final = 1e-6  #: distance of points that are merged, relative to the extent [1]
-FLAT: Final = 1e-15  #: area of a triangle that is removed [m2]
+SURFACE_ENDINGS: Final = (".ply", ".obj", ".stl")
+MERGED_DISTANCE: Final = 1e-6  #: distance of points that are merged, relative to the extent [1]
+REMOVED_AREA: Final = 1e-15  #: area of a triangle that is removed [m2]
 SMALL: Final = 0.02  #: parts with a smaller share of the area are removed [1]
 
 
@@ -45,12 +44,12 @@ def read_surface(
 
     `least` [m] is the smallest extent of the surface.
     """
-    content = content_of(path, MOST_BYTES)
-    ending = next((e for e in ENDINGS if content.name.lower().endswith(e)), None)
+    content = content_of(path, MOST_GEOMETRY_BYTES)
+    ending = next((e for e in SURFACE_ENDINGS if content.name.lower().endswith(e)), None)
     if ending is None:
         raise FitError(
-            f"{content.name} has an unknown ending, expected one of {', '.join(ENDINGS)}: export the "
-            "surface as one of them"
+            f"{content.name} has an unknown ending, expected one of {', '.join(SURFACE_ENDINGS)}: "
+            "export the surface as one of them"
         )
     points, triangles = _loaded(content.data, ending, content.name)
     scan = surface_of(points, triangles, unit=unit, name=content.name, least=least)
@@ -87,9 +86,9 @@ def surface_of(
     notes: list[str] = []
     x, t = _merged(x, t)
     area = Surface(x, t).areas
-    if (flat := int((area <= FLAT).sum())) > 0:
+    if (flat := int((area <= REMOVED_AREA).sum())) > 0:
         notes.append(f"{flat} triangles without area were removed")
-        t = t[area > FLAT]
+        t = t[area > REMOVED_AREA]
     if len(t) < LEAST_TRIANGLES:
         raise FitError(f"{name} has {len(t)} triangles with an area, expected {LEAST_TRIANGLES}")
     t, turned, crowded = _oriented(t, len(x))
@@ -126,7 +125,7 @@ def _loaded(data: bytes, ending: str, name: str) -> tuple[Floats, Integers]:
 
 def _merged(x: Floats, t: Integers) -> tuple[Floats, Integers]:
     """Merge points that coincide, as of .stl files, and drop triangles that collapse."""
-    step = COINCIDE * max(float(np.ptp(x, axis=0).max()), 1e-12)
+    step = MERGED_DISTANCE * max(float(np.ptp(x, axis=0).max()), 1e-12)
     _, first, inverse = np.unique(
         np.round((x - x.min(axis=0)) / step).astype(np.int64), axis=0,
         return_index=True, return_inverse=True,

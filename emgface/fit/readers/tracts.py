@@ -13,12 +13,11 @@ from typing import Any, Final
 import numpy as np
 
 from emgface.errors import FitError
-from emgface.fit.readers.guard import FACE, Content, content_of
+from emgface.fit.readers.guard import FACE, MOST_GEOMETRY_BYTES, Content, content_of
 from emgface.fit.triangulated import Floats
 
-MOST_BYTES: Final = 500_000_000
-ENDINGS: Final = (".trk", ".tck")
-LEAST: Final = 5  #: smallest number of streamlines of a bundle
+TRACT_ENDINGS: Final = (".trk", ".tck")
+LEAST_STREAMLINES: Final = 5  #: smallest number of streamlines of a bundle
 TO_LPS: Final = 1e-3 * np.array([-1.0, -1.0, 1.0])
 TRK_HEADER: Final = 1000  #: bytes of the header of a .trk file
 COUNT_AT: Final = 988  #: place of the number of streamlines in it
@@ -43,10 +42,11 @@ def tracts_of(given: Any) -> Tracts:
 
 
 def _read(path: Path) -> Tracts:
-    content = content_of(path, MOST_BYTES)
-    if not content.name.lower().endswith(ENDINGS):
+    content = content_of(path, MOST_GEOMETRY_BYTES)
+    if not content.name.lower().endswith(TRACT_ENDINGS):
         raise FitError(
-            f"{content.name} has an unknown ending, expected {' or '.join(ENDINGS)}: export the bundle"
+            f"{content.name} has an unknown ending, expected {' or '.join(TRACT_ENDINGS)}: export "
+            "the bundle"
         )
     try:
         from nibabel.streamlines import load
@@ -99,9 +99,10 @@ def _checked(lines: list[Floats], name: str, digest: str) -> Tracts:
                 f"{name}: streamline {k} has values of shape {line.shape}, expected finite points (k, 3)"
             )
     lines = [line for line in map(_distinct, lines) if len(line) >= 2]
-    if len(lines) < LEAST:
+    if len(lines) < LEAST_STREAMLINES:
         raise FitError(
-            f"{name} has {len(lines)} streamlines with a length, expected at least {LEAST} of one muscle"
+            f"{name} has {len(lines)} streamlines with a length, expected at least "
+            f"{LEAST_STREAMLINES} of one muscle"
         )
     extent = float(np.ptp(np.concatenate(lines), axis=0).max())
     if not 5e-3 <= extent <= FACE[1]:

@@ -24,14 +24,15 @@ from emgface.fit.readers.surfaces import Scan, surface_of
 from emgface.fit.triangulated import Floats, Integers
 
 SWIG: Final = "swig_runtime_data"  #: start of the name of the module with the table of types
-ENDINGS: Final = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd")
+VOLUME_ENDINGS: Final = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd")
 MOST_VOXELS: Final = 600_000_000
 MOST_OF_PART: Final = 120_000_000  #: voxels of the box around a part
-SPACING: Final = (0.03, 10.0)  #: smallest and largest distance of voxels [mm]
+VOXEL_SPACING_MM: Final = (0.03, 10.0)  #: smallest and largest distance of voxels [mm]
 FIELD: Final = (0.02, 1.5)  #: smallest and largest extent of a volume of a head [m]
-LEAST: Final = 500  #: smallest number of voxels of a part
-SMALLEST: Final = 0.02  #: smallest extent of a part, such as a cricoid [m]
-SMOOTHING: Final = 0.7  #: standard deviation of the Gaussian on a mask, in the largest spacing [1]
+LEAST_VOXELS: Final = 500  #: smallest number of voxels of a part
+SMALLEST_PART: Final = 0.02  #: smallest extent of a part, such as a cricoid [m]
+#: standard deviation of the Gaussian on a mask, in the largest spacing [1]
+MASK_SMOOTHING: Final = 0.7
 TURNED: Final = 1e-3  #: deviation of the axes of a volume from right angles [1]
 
 
@@ -108,10 +109,11 @@ def volume_of(image: Any, name: str, digest: str = "") -> Volume:
     if image.GetNumberOfComponentsPerPixel() != 1:
         raise FitError(f"{name} has several values per voxel, expected one: export one channel")
     spacing, D = np.array(image.GetSpacing()), np.array(image.GetDirection()).reshape(3, 3)
-    if not ((spacing >= SPACING[0]) & (spacing <= SPACING[1])).all():
+    if not ((spacing >= VOXEL_SPACING_MM[0]) & (spacing <= VOXEL_SPACING_MM[1])).all():
         raise FitError(
-            f"{name} has a spacing of {listed(np.round(spacing, 6))} mm, expected {SPACING[0]} to "
-            f"{SPACING[1]:g} mm: check the unit of the volume, which is mm in all these formats"
+            f"{name} has a spacing of {listed(np.round(spacing, 6))} mm, expected "
+            f"{VOXEL_SPACING_MM[0]} to {VOXEL_SPACING_MM[1]:g} mm: check the unit of the volume, "
+            "which is mm in all these formats"
         )
     if np.abs(D.T @ D - np.eye(3)).max() > TURNED:
         raise FitError(
@@ -152,9 +154,9 @@ def surface_of_mask(volume: Volume, mask: NDArray[np.bool_], part: str) -> Scan:
     from skimage.measure import label, marching_cubes
 
     name = f"{part} of {volume.source}"
-    if mask.sum() < LEAST:
+    if mask.sum() < LEAST_VOXELS:
         raise FitError(
-            f"{name} has {int(mask.sum())} voxels, expected at least {LEAST}: check the label"
+            f"{name} has {int(mask.sum())} voxels, expected at least {LEAST_VOXELS}: check the label"
         )
     box = ndimage.find_objects(np.where(mask, 1, 0))[0]
     size = np.array([s.stop - s.start for s in box])
@@ -175,7 +177,7 @@ def surface_of_mask(volume: Volume, mask: NDArray[np.bool_], part: str) -> Scan:
     if np.any(ends):
         notes.append(f"{part} reaches the border of the volume and is open there")
     spacing = np.linalg.norm(volume.affine[:3, :3], axis=0)
-    sigma = SMOOTHING * spacing.max() / spacing[::-1]
+    sigma = MASK_SMOOTHING * spacing.max() / spacing[::-1]
     wide = int(np.ceil(3.0 * sigma.max())) + 1
     width = np.where(np.array(ends), wide, 0), np.where(np.array(ends), 0, wide)
     # beyond the border of the volume the part continues, so that its surface is open there
@@ -195,7 +197,7 @@ def _scan(volume: Volume, index: Floats, triangle: Integers, name: str, notes: l
     corners = (points - points.mean(axis=0))[triangle]
     if np.linalg.det(corners).sum() < 0.0:
         triangle = triangle[:, ::-1].copy()
-    scan = surface_of(points, triangle, unit="m", name=name, least=SMALLEST)
+    scan = surface_of(points, triangle, unit="m", name=name, least=SMALLEST_PART)
     return Scan(scan.surface, name, volume.digest, notes + scan.notes)
 
 
@@ -270,10 +272,10 @@ def _check_whole(path: Path, wanted: int) -> None:
 def _files(path: Path) -> list[Path]:
     """File of a volume, or those of the one DICOM series of a folder."""
     if path.is_file():
-        if not path.name.lower().endswith(ENDINGS):
+        if not path.name.lower().endswith(VOLUME_ENDINGS):
             raise FitError(
-                f"{path.name} has an unknown ending, expected one of {', '.join(ENDINGS)}, or a folder "
-                "with one DICOM series"
+                f"{path.name} has an unknown ending, expected one of {', '.join(VOLUME_ENDINGS)}, "
+                "or a folder with one DICOM series"
             )
         return [path]
     if not path.is_dir():

@@ -8,12 +8,12 @@ from typing import Any, Final
 import pandas as pd
 
 from emgface.errors import DataError
+from emgface.muscles import AXES
 from emgface.recordings.bids.sidecars import read_json, read_tsv, sidecar_path
 from emgface.texts import finite
 
 LINKS: Final = ("signal_electrode", "reference", "target_muscle")
 """Columns of ``*_channels.tsv`` that are read for each channel."""
-AXES: Final = ("x", "y", "z")
 
 
 def read_electrodes(path: Path, channels: pd.DataFrame) -> str | None:

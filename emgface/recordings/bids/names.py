@@ -7,9 +7,9 @@ from emgface.errors import DataError
 from emgface.recordings.findings import Finding
 
 LABEL = re.compile(r"[0-9A-Za-z+]+")  #: allowed values of an entity, after its key and hyphen
-ORDER = ("sub", "ses", "task", "tracksys", "acq", "run", "recording")
+ENTITY_ORDER = ("sub", "ses", "task", "tracksys", "acq", "run", "recording")
 """Entities of EMG and motion files, in the order of the specification."""
-TRIAL = ("sub", "ses", "task", "acq", "run")
+TRIAL_ENTITIES = ("sub", "ses", "task", "acq", "run")
 """Entities that are equal for EMG and motion of one trial."""
 
 
@@ -149,7 +149,7 @@ def file_name(labels: dict[str, str], ending: str) -> str:
                 f"{label!r} cannot be the label of {key!r} in a BIDS name; expected letters and "
                 "digits only: rename it in the recording's attributes."
             )
-    return "_".join([*(f"{key}-{labels[key]}" for key in ORDER if key in labels), ending])
+    return "_".join([*(f"{key}-{labels[key]}" for key in ENTITY_ORDER if key in labels), ending])
 
 
 def trial_of(path: Path) -> dict[str, str | int]:

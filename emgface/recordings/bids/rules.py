@@ -13,8 +13,14 @@ from typing import Any, Final
 import pandas as pd
 
 from emgface.errors import DataError
-from emgface.recordings.bids.names import LABEL, ORDER, entities, labels_in_name, other_task
-from emgface.recordings.bids.sidecars import ROWS, read_json, read_tsv, row_names, sidecar_path
+from emgface.recordings.bids.names import ENTITY_ORDER, LABEL, entities, labels_in_name, other_task
+from emgface.recordings.bids.sidecars import (
+    IDENTIFYING_COLUMNS,
+    read_json,
+    read_tsv,
+    row_names,
+    sidecar_path,
+)
 from emgface.texts import read_text
 
 BIDS_VERSION: Final = "1.11.0"
@@ -85,7 +91,7 @@ def _dataset(root: Path) -> Iterator[str]:
 
 def _repeated(root: Path) -> Iterator[str]:
     """Problems of tables that list a channel, an electrode, a participant or a file twice."""
-    for ending, key in ROWS.items():
+    for ending, key in IDENTIFYING_COLUMNS.items():
         for path in sorted({*root.glob(ending), *root.rglob(f"*_{ending}")}):
             table = _table(path)
             names = row_names(table, key) if key in table.columns else []
@@ -135,8 +141,8 @@ def _name(path: Path, root: Path, kind: str) -> Iterator[str]:
         if len(values) > 1:
             yield f"{path.name} has the entity {key!r} {len(values)} times"
     keys = list(labels)
-    if keys != [key for key in ORDER if key in labels]:
-        yield f"{path.name} has the entities {', '.join(keys)}; expected {', '.join(ORDER)}"
+    if keys != [key for key in ENTITY_ORDER if key in labels]:
+        yield f"{path.name} has the entities {', '.join(keys)}; expected {', '.join(ENTITY_ORDER)}"
     needed = ("sub", "task", "tracksys") if kind == "motion" else ("sub", "task")
     for key in needed:
         if key not in labels:

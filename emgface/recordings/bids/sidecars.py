@@ -10,7 +10,7 @@ import pandas as pd
 
 from emgface.errors import DataError, UnitsError
 from emgface.recordings.bids.names import (
-    ORDER,
+    ENTITY_ORDER,
     entities,
     file_name,
     may_describe,
@@ -22,7 +22,7 @@ from emgface.schema.rules import one_line
 from emgface.schema.units import spelling
 from emgface.texts import json_in, open_text, read_text
 
-ROWS: Final = {
+IDENTIFYING_COLUMNS: Final = {
     "channels.tsv": "name",
     "electrodes.tsv": "name",
     "participants.tsv": "participant_id",
@@ -217,7 +217,7 @@ def read_tsv(path: Path, *, repeated: bool = False) -> pd.DataFrame:
     if repeated:
         return table
     _require_different(path, "columns", labels)
-    for key in (key for ending, key in ROWS.items() if path.name.endswith(ending)):
+    for key in (key for ending, key in IDENTIFYING_COLUMNS.items() if path.name.endswith(ending)):
         if key in table.columns:
             _require_different(path, "rows", row_names(table, key))
     return table
@@ -267,7 +267,7 @@ def read_json(path: Path) -> dict[str, Any]:
 def start_times(path: Path) -> dict[str, str]:
     """Return the start times as stated in ``*_scans.tsv``, by file name, of the files of a volunteer."""
     labels = entities(path)
-    own = {key: labels[key] for key in ORDER[:2] if key in labels}
+    own = {key: labels[key] for key in ENTITY_ORDER[:2] if key in labels}
     table = path.parent.parent / file_name(own, "scans.tsv") if own else None
     if table is None or not table.is_file():
         return {}

@@ -30,7 +30,7 @@ from emgface.recordings.labels import note
 from emgface.schema.validation import validate
 from emgface.signals.filters import check_gaps, sampling_rate
 
-COUNTS: Final = 2**23 - 1
+LARGEST_COUNT: Final = 2**23 - 1
 """Largest count of BDF, used for both signs, so that zero volts are zero counts."""
 TRACKING: Final = "markers"  #: label of the tracking system
 _START: Final = datetime(1970, 1, 1)
@@ -166,7 +166,7 @@ def _write_emg(
         signals.append(
             edfio.BdfSignal(
                 values, record / seconds, label=label, physical_dimension=unit,
-                physical_range=(-top, top), digital_range=(-COUNTS, COUNTS),
+                physical_range=(-top, top), digital_range=(-LARGEST_COUNT, LARGEST_COUNT),
             )
         )  # fmt: skip
     content = edfio.Bdf(signals, data_record_duration=seconds)

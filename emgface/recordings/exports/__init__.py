@@ -11,7 +11,7 @@ from emgface.recordings.exports import (
     opensignals,
     trigno_discover,
 )
-from emgface.recordings.exports.contract import HEAD, Layout
+from emgface.recordings.exports.contract import HEADER_LINES, Layout
 from emgface.texts import decoded, read_bytes
 
 EXPORTS: Final[tuple[Layout, ...]] = (
@@ -29,7 +29,7 @@ _START: Final = 1 << 18  #: bytes in which a layout is recognised
 
 def head_of(text: str) -> list[str]:
     """Return the first lines of a text, which contain the header."""
-    return [line.rstrip("\r") for line in text[:_START].split("\n", HEAD)[:HEAD]]
+    return [line.rstrip("\r") for line in text[:_START].split("\n", HEADER_LINES)[:HEADER_LINES]]
 
 
 def layout_of(path: Path) -> Layout | None:

@@ -19,7 +19,8 @@ from emgface.recordings.readers._build import require_few
 from emgface.schema.rules import one_line
 from emgface.schema.units import DIVISORS, spelling
 
-HEAD: Final = 400  #: lines in which a layout is recognised; headers have two lines per channel
+#: lines in which a layout is recognised; headers have two lines per channel
+HEADER_LINES: Final = 400
 DELIMITERS: Final = ("\t", ";", ",")
 NUMBER: Final = re.compile(r"\s*[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?\s*", re.ASCII)
 _MISSING: Final = frozenset({"", "nan", "n/a", "na", "null"})

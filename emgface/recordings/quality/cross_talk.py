@@ -7,12 +7,12 @@ import pandas as pd
 import scipy.signal
 import xarray as xr
 
-from emgface.muscles import ACROSS, NEIGHBOURS, SIDES
+from emgface.muscles import CHANNELS_AT_MIDLINE, NEIGHBOURS, SIDES
 from emgface.recordings.quality.emg import can_be_judged, in_muscle_band
 from emgface.recordings.quality.hum import mains_hum, remove_hum
 from emgface.signals.filters import TIME_EMG, sampling_rate
 
-COLUMNS = ("channel", "neighbour", "correlation", "lag", "common", "share")
+CROSS_TALK_COLUMNS = ("channel", "neighbour", "correlation", "lag", "common", "share")
 STRONG_HUM = 0.1
 """Fraction of mains hum in the power of a channel above which it is removed before comparison."""
 LARGEST_LAG = 0.01  #: largest delay between two electrodes [s]: 40 mm at 4 m/s
@@ -21,7 +21,7 @@ LARGEST_LAG = 0.01  #: largest delay between two electrodes [s]: 40 mm at 4 m/s
 def neighbours() -> list[tuple[str, str]]:
     """Return the pairs of channels with neighbouring electrodes on each side and at the midline."""
     pairs = [(f"{a}_{side}", f"{b}_{side}") for side in SIDES for a, b in NEIGHBOURS]
-    return pairs + [(f"{name}_{SIDES[0]}", f"{name}_{SIDES[1]}") for name in ACROSS]
+    return pairs + [(f"{name}_{SIDES[0]}", f"{name}_{SIDES[1]}") for name in CHANNELS_AT_MIDLINE]
 
 
 def cross_talk(emg: xr.DataArray) -> pd.DataFrame:
@@ -58,7 +58,7 @@ def cross_talk(emg: xr.DataArray) -> pd.DataFrame:
         for name, values in signals.items()
     }
     rows = [(a, b, *_common(heard[a], heard[b], rate)) for a, b in pairs if {a, b} <= set(heard)]
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+    return pd.DataFrame(rows, columns=list(CROSS_TALK_COLUMNS))
 
 
 def _without_hum(emg: xr.DataArray, values: np.ndarray, rate: float) -> np.ndarray:

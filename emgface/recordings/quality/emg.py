@@ -14,14 +14,14 @@ ARTEFACT = (2.0, 15.0)
 """Band of movement artefacts [Hz], between the drift of electrodes and the band of muscles."""
 MUSCLE = (15.0, 500.0)
 """Band of surface EMG [Hz] (Eskes et al. 2017; van Boxtel 2001, Psychophysiology 38:22-34)."""
-WINDOW = 0.1  #: window of the moving root mean square [s]
-BLOCK = 0.5  #: length of the windows whose means define the drift [s]
-LEAST_RATE = 2.0 * MUSCLE[0] / 0.45
+RMS_WINDOW = 0.1  #: window of the moving root mean square [s]
+DRIFT_WINDOW = 0.5  #: length of the windows whose means define the drift [s]
+OCTAVE_RATE = 2.0 * MUSCLE[0] / 0.45
 """Sampling rate [Hz] above which a recording contains at least an octave of this band."""
-FLOOR = 500.0
+NOISE_FREQUENCY = 500.0
 """Frequency [Hz] above which a recording contains the noise of the amplifier and no muscle."""
-LEAST_FLOOR_RATE = 1500.0  #: sampling rate [Hz] that leaves a band above `FLOOR`
-COLUMNS = (
+LEAST_FLOOR_RATE = 1500.0  #: sampling rate [Hz] that leaves a band above `NOISE_FREQUENCY`
+EMG_QUALITY_COLUMNS = (
     "hum", "hum_frequency", "hum_rms", "hum_chance", "artefact", "drift", "stuck", "saturated",
     "baseline", "snr", "median_frequency", "floor",
 )  # fmt: skip
@@ -38,27 +38,27 @@ def emg_quality(emg: xr.DataArray) -> pd.DataFrame:
     of three or more at the least or greatest value); ``baseline`` [V] and ``snr`` [dB] (10th
     percentile of the root mean square in 100 ms from 15 to 500 Hz, and the 95th over it);
     ``median_frequency`` [Hz] of that band; ``floor`` [V], 10th percentile of the root mean square
-    in 100 ms above `FLOOR` (NaN below `LEAST_FLOOR_RATE`). Values are NaN unless `can_be_judged`. Raises
-    SignalError if the clock is not uniform.
+    in 100 ms above `NOISE_FREQUENCY` (NaN below `LEAST_FLOOR_RATE`). Values are NaN unless
+    `can_be_judged`. Raises SignalError if the clock is not uniform.
     """
     rate = sampling_rate(emg[TIME_EMG])
     rows = [_measures(values, rate) for values in emg.transpose("channel", TIME_EMG).values]
     index = [str(name) for name in emg["channel"].values]
-    return pd.DataFrame(rows, index=index, columns=list(COLUMNS))
+    return pd.DataFrame(rows, index=index, columns=list(EMG_QUALITY_COLUMNS))
 
 
 def _measures(values: np.ndarray, rate: float) -> dict[str, float]:
-    measures: dict[str, float] = {name: np.nan for name in COLUMNS}
+    measures: dict[str, float] = {name: np.nan for name in EMG_QUALITY_COLUMNS}
     if not can_be_judged(values, rate):
         return measures
     hum = mains_hum(values, rate)
     frequency, density = power_density(values, rate)
     above = density[frequency >= ARTEFACT[0]].sum()
     slow = density[(frequency >= ARTEFACT[0]) & (frequency < ARTEFACT[1])].sum()
-    size = round(BLOCK * rate)
+    size = round(DRIFT_WINDOW * rate)
     means = values[: values.size // size * size].reshape(-1, size).mean(axis=1)
     heard = in_muscle_band(values, rate)
-    strength = np.sqrt(uniform_filter1d(heard**2, round(WINDOW * rate), mode="nearest"))
+    strength = np.sqrt(uniform_filter1d(heard**2, round(RMS_WINDOW * rate), mode="nearest"))
     low, high = np.percentile(strength, [10, 95])
     inside = (frequency >= MUSCLE[0]) & (frequency <= MUSCLE[1])
     running = np.cumsum(density[inside])
@@ -82,16 +82,16 @@ def _floor(values: np.ndarray, rate: float) -> float:
     """Noise of the amplifier above the band of muscles [V]."""
     if rate < LEAST_FLOOR_RATE:
         return float("nan")
-    sos = scipy.signal.butter(4, (FLOOR, 0.45 * rate), "bandpass", fs=rate, output="sos")
+    sos = scipy.signal.butter(4, (NOISE_FREQUENCY, 0.45 * rate), "bandpass", fs=rate, output="sos")
     heard = scipy.signal.sosfiltfilt(sos, values)
-    strength = uniform_filter1d(heard**2, round(WINDOW * rate), mode="nearest")
+    strength = uniform_filter1d(heard**2, round(RMS_WINDOW * rate), mode="nearest")
     return float(np.sqrt(max(np.percentile(strength, 10), 0.0)))
 
 
 def can_be_judged(values: np.ndarray, rate: float) -> bool:
-    """Return True for a finite, varying channel of at least 1 s and `LEAST_RATE`."""
+    """Return True for a finite, varying channel of at least 1 s and `OCTAVE_RATE`."""
     return bool(
-        rate >= LEAST_RATE
+        rate >= OCTAVE_RATE
         and values.size >= LEAST_DURATION * rate
         and np.isfinite(values).all()
         and constant_value(values) is None
@@ -101,7 +101,7 @@ def can_be_judged(values: np.ndarray, rate: float) -> bool:
 def in_muscle_band(values: np.ndarray, rate: float) -> np.ndarray:
     """Filter signals (..., samples) without gaps to the band of surface EMG, without delay.
 
-    The sampling rate is at least `LEAST_RATE`; if it is too low for 500 Hz, the band ends at 0.45
+    The sampling rate is at least `OCTAVE_RATE`; if it is too low for 500 Hz, the band ends at 0.45
     of it.
     """
     edges = (MUSCLE[0], min(MUSCLE[1], 0.45 * rate))

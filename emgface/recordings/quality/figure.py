@@ -16,7 +16,7 @@ from emgface.recordings.quality.emg import MUSCLE, can_be_judged
 from emgface.recordings.quality.hum import power_density
 from emgface.signals.filters import sampling_rate
 
-COLOURS = {"ok": "0.25", "warning": "#b26b00", "error": "#b00020", "not EMG": "0.6"}
+VERDICT_COLOURS = {"ok": "0.25", "warning": "#b26b00", "error": "#b00020", "not EMG": "0.6"}
 """Colours of the verdicts, which are also written as words."""
 _MOST_ROWS = 24
 _POINTS = 2000
@@ -70,7 +70,7 @@ def _rows(axes: Axes, names: list[str], verdicts: dict[str, str], total: int) ->
     """Label the rows of an axes, the first at the top."""
     axes.set_yticks(-np.arange(len(names)), names, fontsize=7)
     for label, name in zip(axes.get_yticklabels(), names, strict=True):
-        label.set_color(COLOURS[verdicts.get(name, "ok")])
+        label.set_color(VERDICT_COLOURS[verdicts.get(name, "ok")])
     axes.set_ylim(-len(names) + 0.3, 0.7)
     axes.tick_params(axis="x", labelsize=7)
     axes.spines[["top", "right"]].set_visible(False)
@@ -116,7 +116,7 @@ def _traces(axes: Axes, emg: xr.DataArray, table: pd.DataFrame) -> None:
         # The usual amplitude is half a row; rows far from it state their own scale.
         factor = scale_factor(float(strong[row]), unit)
         t, drawn = _envelope(np.clip(0.45 * factor * values / unit, -0.6, 0.6), time)
-        axes.plot(t, drawn - row, lw=0.4, color=COLOURS[verdicts.get(name, "ok")])
+        axes.plot(t, drawn - row, lw=0.4, color=VERDICT_COLOURS[verdicts.get(name, "ok")])
         if factor != 1.0:
             text = f"\u00d7 {factor:g}" if factor > 1.0 else f"\u00f7 {1.0 / factor:g}"
             axes.text(
@@ -145,7 +145,7 @@ def _spectra(axes: Axes, emg: xr.DataArray, table: pd.DataFrame) -> None:
             continue
         # A row shows 60 dB below the strongest line.
         drawn = np.clip((level - level.max()) / 60.0, -1.0, 0.0) * 0.9 + 0.5
-        colour = COLOURS[verdicts.get(name, "ok")]
+        colour = VERDICT_COLOURS[verdicts.get(name, "ok")]
         axes.plot(frequency[inside], drawn - row, lw=0.5, color=colour)
     _rows(axes, names, verdicts, len(names))
     axes.set_yticklabels([])
@@ -166,10 +166,13 @@ def _markers(axes: Axes, position: xr.DataArray, table: pd.DataFrame) -> None:
     unit = float(np.nanmax(way)) if np.isfinite(way).any() and np.nanmax(way) > 0 else 1.0
     for row, (name, one, there) in enumerate(zip(names, way, seen, strict=True)):
         axes.plot(
-            time, 0.85 * one / unit - row - 0.4, lw=0.7, color=COLOURS[verdicts.get(name, "ok")]
+            time,
+            0.85 * one / unit - row - 0.4,
+            lw=0.7,
+            color=VERDICT_COLOURS[verdicts.get(name, "ok")],
         )
         lost = time[~there]
-        axes.plot(lost, np.full(lost.size, -row - 0.4), "|", ms=4, color=COLOURS["error"])
+        axes.plot(lost, np.full(lost.size, -row - 0.4), "|", ms=4, color=VERDICT_COLOURS["error"])
     _rows(axes, names, verdicts, position.sizes["marker"])
     axes.set_xlabel("time [s]", fontsize=8)
     axes.set_title(
@@ -197,5 +200,5 @@ def _words(axes: Axes, table: pd.DataFrame) -> None:
     for i, (line, verdict) in enumerate(lines):
         axes.text(
             0.0, 1.0 - i / 24, line, transform=axes.transAxes, va="top", fontsize=7.5,
-            color=COLOURS[verdict],
+            color=VERDICT_COLOURS[verdict],
         )  # fmt: skip

@@ -10,9 +10,9 @@ from emgface.errors import SignalError
 from emgface.signals.filters import TIME_EMG, check_gaps, row_dim, sampling_rate
 
 MAINS = (50.0, 60.0)  #: frequencies of power grids [Hz]
-BAND = (10.0, 500.0)  #: band over which hum is compared with the signal [Hz]
+HUM_BAND = (10.0, 500.0)  #: band over which hum is compared with the signal [Hz]
 WANDER = 0.2  #: deviation of the mains from their frequency [Hz]
-ENOUGH = 20.0  #: duration [s] above which the averaged spectrum suffices for a decision
+DECISIVE_DURATION = 20.0  #: duration [s] above which the averaged spectrum suffices for a decision
 _FINER = 8
 LEAST_DURATION = 1.0  #: shortest signal [s] whose spectrum is analysed
 
@@ -52,8 +52,8 @@ def mains_hum(values: np.ndarray, rate: float) -> Hum:
     """
     frequency, density = power_density(values, rate)
     step = float(frequency[1])
-    top = min(BAND[1], 0.49 * rate)
-    total = float(density[(frequency >= BAND[0]) & (frequency <= top)].sum())
+    top = min(HUM_BAND[1], 0.49 * rate)
+    total = float(density[(frequency >= HUM_BAND[0]) & (frequency <= top)].sum())
     best = Hum(MAINS[0], 0.0, 0.0, 1.0)
     for mains in MAINS:
         power = 0.0
@@ -80,7 +80,7 @@ def _chance(values: np.ndarray, rate: float, lines: np.ndarray) -> float:
     by the number of lines examined (Bonferroni).
     """
     duration = values.size / rate
-    if duration > ENOUGH or not lines.size:
+    if duration > DECISIVE_DURATION or not lines.size:
         return 0.0 if lines.size else 1.0
     window = scipy.signal.windows.hann(values.size, sym=False)
     size = _FINER * values.size

@@ -20,12 +20,13 @@ LAYOUT = {
 }  # fmt: skip
 """Approximate positions in halves of the mouth width, in the axes of the face (x right)."""
 
-FEWEST = 6  #: least number of markers of the layout for the detection of exchanged names
+#: least number of markers of the layout for the detection of exchanged names
+LEAST_LAYOUT_MARKERS = 6
 BETTER = 0.75
 """Misfit of exchanged names over that of the given ones, below which they are suspected."""
 OPPOSITE = -0.7
 """Cosine between the vectors from one marker to another below which they are opposite."""
-SAME = 2  #: frames with exactly the same position from which two markers coincide
+COINCIDENT_FRAMES = 2  #: frames with exactly the same position from which two markers coincide
 NEAREST = 0.003  #: jump of a marker [m] above which an exchange within a trial is suspected
 
 
@@ -69,8 +70,8 @@ def swapped_markers(position: xr.DataArray) -> pd.DataFrame:
 def coinciding_markers(position: xr.DataArray) -> pd.DataFrame:
     """Find pairs of markers with exactly the same position, which two measured points never have.
 
-    The columns are ``first``, ``second`` (names), ``frames`` (their number, at least `SAME`) and
-    ``time`` [s] of the first.
+    The columns are ``first``, ``second`` (names), ``frames`` (their number, at least
+    `COINCIDENT_FRAMES`) and ``time`` [s] of the first.
     """
     values = position.transpose("marker", "axis", "time_marker").values
     names, time = [str(m) for m in position["marker"].values], position["time_marker"].values
@@ -79,7 +80,7 @@ def coinciding_markers(position: xr.DataArray) -> pd.DataFrame:
         for j in range(i + 1, len(names)):
             equal = np.asarray((values[i] == values[j]).all(axis=0))
             same = np.flatnonzero(equal & values[i].any(axis=0))  # zeros are no position
-            if same.size >= SAME:
+            if same.size >= COINCIDENT_FRAMES:
                 rows.append((names[i], names[j], int(same.size), float(time[same[0]])))
     return pd.DataFrame(rows, columns=["first", "second", "frames", "time"])
 
@@ -106,7 +107,7 @@ def _within(values: np.ndarray, names: Sequence[str], time: np.ndarray) -> list[
 def _throughout(values: np.ndarray, names: Sequence[str]) -> list[_Row]:
     seen = np.asarray(np.isfinite(values).any(axis=(1, 2)))
     known = [i for i, name in enumerate(names) if name in LAYOUT and seen[i]]
-    if len(known) < FEWEST:
+    if len(known) < LEAST_LAYOUT_MARKERS:
         return []
     # Frames with all markers, so that the motion of the head is common to all.
     whole = np.asarray(np.isfinite(values[known]).all(axis=(0, 1)))

@@ -20,12 +20,12 @@ Recordings of known rate of biceps and shoulder: 65 to 81 Hz; the spectrum of Sh
 a part of the recordings only.
 """
 HALF_MOUTH: Final = 0.025  #: unit of `LAYOUT` [m]
-FEWEST: Final = 3  #: markers from which a size can be judged
+LEAST_SIZED_MARKERS: Final = 3  #: markers from which a size can be judged
 SIZES: Final = (0.005, 5.0)
 """Spread [m] of the markers of a part of a body, from the lips to a person in a laboratory."""
-ACTIVE: Final = 12.0
+MUSCLE_SNR_DB: Final = 12.0
 """Signal-to-noise ratio [dB] above which the spectrum is that of the muscle, not of the amplifier."""
-LEAST_RATE: Final = 800.0
+LEAST_MEDIAN_RATE: Final = 800.0
 """Sampling rate [Hz] below which the rate itself, not the muscle, bounds the median frequency."""
 GAIN_RATIO: Final = 4.0
 """Ratio of amplifier noise and of activity above which gains differ.
@@ -41,8 +41,8 @@ def doubtful_rate(measures: pd.DataFrame, rate: float) -> dict[str, float | str]
     `measures` has the columns of `emgface.recordings.quality.emg_quality`, one row per channel. The
     median over the active channels is compared with `MEDIAN_FREQUENCY`.
     """
-    active = measures.loc[measures["snr"] > ACTIVE, "median_frequency"].dropna()
-    if rate < LEAST_RATE or active.empty:
+    active = measures.loc[measures["snr"] > MUSCLE_SNR_DB, "median_frequency"].dropna()
+    if rate < LEAST_MEDIAN_RATE or active.empty:
         return {}
     median, (low, high) = float(active.median()), MEDIAN_FREQUENCY
     if low <= median <= high:
@@ -106,7 +106,7 @@ def wrong_size(position: xr.DataArray) -> list[Finding]:
     names = [str(name) for name in places["marker"].values]
     seen = np.asarray(np.isfinite(places.values).all(axis=1))
     face = [k for k, name in enumerate(names) if name in FACE_MARKERS and seen[k]]
-    if len(face) >= FEWEST:
+    if len(face) >= LEAST_SIZED_MARKERS:
         layout = HALF_MOUTH * np.array([LAYOUT[names[k]] for k in face])
         size, expected = (_spread(x) for x in (places.values[face], layout))
         if not expected / LARGEST_RATIO <= size <= expected * LARGEST_RATIO:
@@ -114,7 +114,7 @@ def wrong_size(position: xr.DataArray) -> list[Finding]:
         return []
     size = _spread(places.values[seen])
     low, high = SIZES
-    if seen.sum() >= FEWEST and not low <= size <= high:
+    if seen.sum() >= LEAST_SIZED_MARKERS and not low <= size <= high:
         return [Finding("scale", "marker", "", {"found": size, "low": low, "high": high})]
     return []
 

@@ -9,15 +9,15 @@ from emgface.muscles import FACE_MARKERS
 from emgface.recordings.quality.emg import can_be_judged, in_muscle_band
 from emgface.signals.filters import TIME_EMG, sampling_rate
 
-COLUMNS = ("left", "right", "correlation", "swapped")
+SIDE_COLUMNS = ("left", "right", "correlation", "swapped")
 PULLING = ("ZYG", "RIS", "LLSAN", "DAO")  #: muscles that move the mouth corner of their own side
 CORNERS = ("corner_left", "corner_right")
 DECISIVE = 0.5  #: absolute correlation above which its sign is used
 LEAST_APART = 1e-3
 """Difference between the displacements of the corners [m] above which a movement is lateral."""
 SHARE_APART = 0.3  #: the same, as a fraction of the displacement
-LEAST_SEEN = 0.5  #: fraction of the frames in which the corners must be visible
-SMOOTHING = 0.2  #: window of the envelope and of the motion [s]
+LEAST_VISIBLE = 0.5  #: fraction of the frames in which the corners must be visible
+ENVELOPE_WINDOW = 0.2  #: window of the envelope and of the motion [s]
 
 
 def swapped_sides(recording: xr.Dataset) -> pd.DataFrame:
@@ -31,7 +31,7 @@ def swapped_sides(recording: xr.Dataset) -> pd.DataFrame:
     the frames are, if the corners or both sides of a muscle are missing, or if the EMG has gaps.
     Raises SignalError if a clock is not uniform.
     """
-    empty = pd.DataFrame([], columns=list(COLUMNS))
+    empty = pd.DataFrame([], columns=list(SIDE_COLUMNS))
     if "emg" not in recording or "position" not in recording:
         return empty
     position = recording["position"]
@@ -52,7 +52,7 @@ def swapped_sides(recording: xr.Dataset) -> pd.DataFrame:
         values = emg.sel(channel=pair).transpose("channel", TIME_EMG).values
         if not all(can_be_judged(row, rate) for row in values):
             continue
-        size = round(SMOOTHING * rate)
+        size = round(ENVELOPE_WINDOW * rate)
         strength = uniform_filter1d(np.abs(in_muscle_band(values, rate)), size, axis=1)
         scale = strength.mean(axis=1)
         if not (scale > 0).all():
@@ -63,7 +63,7 @@ def swapped_sides(recording: xr.Dataset) -> pd.DataFrame:
         difference = sampled[0] - sampled[1]
         r = float(np.corrcoef(difference, way[0] - way[1])[0, 1])
         rows.append((pair[0], pair[1], r, r < -DECISIVE))
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+    return pd.DataFrame(rows, columns=list(SIDE_COLUMNS))
 
 
 def _ways(position: xr.DataArray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -80,10 +80,10 @@ def _ways(position: xr.DataArray) -> tuple[np.ndarray, np.ndarray] | None:
         with np.errstate(invalid="ignore"):
             corners = corners - np.where(seen, moved, 0.0).sum(axis=0) / seen.sum(axis=0)
     kept = np.isfinite(corners).all(axis=(0, 1))
-    if kept.sum() < max(2, LEAST_SEEN * kept.size):
+    if kept.sum() < max(2, LEAST_VISIBLE * kept.size):
         return None
     corners = corners[..., kept]
-    size = max(1, round(SMOOTHING * sampling_rate(position["time_marker"])))
+    size = max(1, round(ENVELOPE_WINDOW * sampling_rate(position["time_marker"])))
     way = np.linalg.norm(corners - np.median(corners, axis=2, keepdims=True), axis=1)
     smooth = uniform_filter1d(way, size, axis=1)
     # Differences between the sides in symmetric movements do not identify the electrodes.

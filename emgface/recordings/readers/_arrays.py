@@ -17,7 +17,7 @@ from emgface.recordings.readers._parsers import (
 )
 from emgface.schema.rules import hint
 
-SUFFIXES = (".mat", ".h5", ".hdf5")  #: suffixes of files with arrays
+ARRAY_SUFFIXES = (".mat", ".h5", ".hdf5")  #: suffixes of files with arrays
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MATLAB = b"MATLAB 7.3"

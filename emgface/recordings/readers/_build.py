@@ -15,7 +15,7 @@ from emgface.recordings.kinds import kind_of_unit
 from emgface.recordings.timebase import TimeBase
 from emgface.schema.units import quantity_of, spelling, to_si
 
-WIDEST: Final = 2048
+MOST_COLUMNS: Final = 2048
 """Most channels or markers of a recording, and columns of a table; the largest grids have 512."""
 
 
@@ -193,11 +193,11 @@ def _repeated(part: Part) -> list[Finding]:
 
 
 def require_few(count: int, place: str, what: str) -> None:
-    """Raise DataError for more channels, markers or columns than a recording has (`WIDEST`)."""
-    if count > WIDEST:
+    """Raise DataError for more channels, markers or columns than a recording has (`MOST_COLUMNS`)."""
+    if count > MOST_COLUMNS:
         raise DataError(
-            f"{place} {count} {what}; expected at most {WIDEST}: it is not a table of signals over "
-            "time, or transposed."
+            f"{place} {count} {what}; expected at most {MOST_COLUMNS}: it is not a table of "
+            "signals over time, or transposed."
         )
 
 

@@ -9,10 +9,12 @@ from emgface.recordings.findings import Finding
 from emgface.recordings.layout import unit_in
 from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import parse_contents
-from emgface.recordings.timebase import RATES_AGREE, differing
+from emgface.recordings.timebase import RATE_STATEMENTS_AGREE, differing
 from emgface.schema.units import quantity_of, spelling
 
-RATES: Final = frozenset("fs rate samplingrate samplerate srate samplingfrequency freq hz".split())
+RATE_NAMES: Final = frozenset(
+    "fs rate samplingrate samplerate srate samplingfrequency freq hz".split()
+)
 """Names of variables and attributes that contain a sampling rate."""
 
 
@@ -38,7 +40,7 @@ def rates_of(numbers: dict[str, float]) -> dict[str, float]:
         key: value
         for key, value in numbers.items()
         if "".join(c for c in key.rpartition("/")[2].rpartition(".")[2].lower() if c.isalpha())
-        in RATES
+        in RATE_NAMES
     }
 
 
@@ -54,7 +56,9 @@ def declared_rates(
     near = {k: v for k, v in every.items() if _home(k) in (variable, _home(variable))}
     stated = near or {k: v for k, v in every.items() if not _home(k)}
     if any(
-        abs(scale * v / rate - 1.0) <= RATES_AGREE for v in stated.values() for scale in (1, 1e3)
+        abs(scale * v / rate - 1.0) <= RATE_STATEMENTS_AGREE
+        for v in stated.values()
+        for scale in (1, 1e3)
     ):
         return ()
     return differing(rate, by, {f"{key!r} in {path.name}": v for key, v in stated.items()}, samples)

@@ -11,7 +11,7 @@ import numpy as np
 
 from emgface.errors import DataError
 
-EXPANSION = 1100
+VALUES_PER_BYTE = 1100
 """Largest number of values per byte of a file; zeros are compressed to about 1/1030."""
 
 _NEUTRAL = {
@@ -229,7 +229,7 @@ def parse_contents(path: Path) -> dict[str, Any]:
 
 def _require_room(path: Path, name: str, shape: tuple[int, ...]) -> None:
     """Refuse an array that is larger than its file can contain."""
-    if np.prod(np.array(shape, float)) > EXPANSION * path.stat().st_size:
+    if np.prod(np.array(shape, float)) > VALUES_PER_BYTE * path.stat().st_size:
         raise DataError(
             f"{path.name}: {name!r} has the shape {shape} in a file of {path.stat().st_size} "
             "bytes; expected an array no larger than the file: it is damaged."

@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from emgface.choices import Parameters
-from emgface.recordings.readers._arrays import SUFFIXES as ARRAYS
+from emgface.recordings.readers._arrays import ARRAY_SUFFIXES
 
 
 class Table(Parameters):
@@ -42,12 +42,12 @@ class Table(Parameters):
             raise ValueError(
                 f"{self.file} requires either rate, in Hz, or time, the column of the sampling times"
             )
-        is_array = Path(self.file).suffix.lower() in ARRAYS
+        is_array = Path(self.file).suffix.lower() in ARRAY_SUFFIXES
         if is_array != (self.variable is not None):
             raise ValueError(
                 f"{self.file} requires variable, the name of the array in the file"
                 if is_array
-                else f"{self.file} contains no variables; expected one of {', '.join(ARRAYS)}"
+                else f"{self.file} contains no variables; expected one of {', '.join(ARRAY_SUFFIXES)}"
             )
         if self.step == 0.0:
             raise ValueError(

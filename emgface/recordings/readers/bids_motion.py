@@ -12,7 +12,7 @@ import xarray as xr
 from emgface.errors import DataError
 from emgface.muscles import AXES
 from emgface.recordings.bids.names import (
-    TRIAL,
+    TRIAL_ENTITIES,
     entities,
     labels_in_name,
     name_findings,
@@ -90,7 +90,7 @@ def motion_of_trial(emg: Path, units: Mapping[str, str]) -> list[Part]:
 def _partners(path: Path, folder: str, endings: tuple[str, ...]) -> list[Path]:
     """Files of the same trial in the folder of another kind of signal."""
     labels = entities(path)
-    own = {key: labels[key] for key in TRIAL if key in labels}
+    own = {key: labels[key] for key in TRIAL_ENTITIES if key in labels}
     other = path.parent.parent / folder
     if not own or not other.is_dir():
         return []
@@ -107,7 +107,7 @@ def _partners(path: Path, folder: str, endings: tuple[str, ...]) -> list[Path]:
 
 def _same_trial(labels: dict[str, list[str]], own: dict[str, str]) -> bool:
     """Return True if a name has the entities of a trial, also if it has others of them as well."""
-    named = {key: values for key, values in labels.items() if key in TRIAL}
+    named = {key: values for key, values in labels.items() if key in TRIAL_ENTITIES}
     return named.keys() == own.keys() and all(own[key] in named[key] for key in own)
 
 

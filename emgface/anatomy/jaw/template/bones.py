@@ -18,7 +18,7 @@ from emgface.face.parts import SKULL, Arch
 Floats = NDArray[np.float64]
 Index = NDArray[np.integer]
 
-RINGS, AROUND = 22, 12
+SECTIONS, SECTION_POINTS = 22, 12
 """Sections of half a tube and points of each."""
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 
@@ -172,7 +172,7 @@ def _sections(stations: list[_Station]) -> tuple[Floats, Floats]:
     centres = np.array([np.asarray(s.centre, dtype=np.float64) for s in stations])
     sizes = 1e-3 * np.array([(s.across, s.along) for s in stations])
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1))])
-    at = np.linspace(0.0, way[-1], RINGS)
+    at = np.linspace(0.0, way[-1], SECTIONS)
     return PchipInterpolator(way, centres)(at), PchipInterpolator(way, sizes)(at)
 
 
@@ -207,7 +207,7 @@ def _rings(centres: Floats, sizes: Floats) -> Floats:
     n[0] -= (n[0] @ t[0]) * t[0]
     n[0] /= np.linalg.norm(n[0])
     b = np.cross(t, n)
-    angle = np.linspace(0.0, 2.0 * np.pi, AROUND, endpoint=False)
+    angle = np.linspace(0.0, 2.0 * np.pi, SECTION_POINTS, endpoint=False)
     return (
         centres[:, None]
         + (sizes[:, :1] * np.cos(angle))[..., None] * n[:, None]

@@ -14,7 +14,7 @@ from emgface.anatomy.jaw.template.bones import BoneSurface, surfaces
 from emgface.anatomy.jaw.template.joints import joints, springs
 from emgface.anatomy.jaw.template.landmarks import landmarks
 from emgface.anatomy.jaw.template.measures import JAW_NORMS, jaw_measures
-from emgface.anatomy.jaw.template.muscles import GROUPS, MIRROR, muscle_lines
+from emgface.anatomy.jaw.template.muscles import MIRROR, MUSCLE_GROUPS, muscle_lines
 from emgface.face.template.arches import dental_arches
 from emgface.face.template.measures import Measures
 from emgface.face.template.volunteers import preset_measures, random_measures
@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 MASSES = {"jaw": 0.2, "hyoid": 0.01, "thyroid": 0.024, "cricoid": 0.023}
 """Masses with the soft tissue that moves along, of an adult man [kg] (Stavness et al. 2006, section
 2.2); others scale with the cube of the size of the face."""
-DAMPING = 10.0, 1e-4
+BODY_DAMPING = 10.0, 1e-4
 """Damping of every body by the tissue about it, of translation [kg/s] and rotation [kg m^2/s] (as
 there)."""
 CERVICAL = -12e-3, 2e-3
@@ -85,7 +85,7 @@ def template_jaw(
         springs=springs(places, jaw),
         joints=joints(places, jaw),
         points=_points(places),
-        exciters=exciters_of([m.name for m in muscles], GROUPS),
+        exciters=exciters_of([m.name for m in muscles], MUSCLE_GROUPS),
         surfaces=[(s.body, s.points, s.triangles) for s in shapes],
         name=name
         or f"template jaw ({preset}" + ("" if seed is None else f", volunteer {seed}") + ")",
@@ -130,5 +130,5 @@ def _bodies(shapes: list[BoneSurface], scale: float) -> list[JawBody]:
         inertia = np.array(unit.inertia) * mass / unit.mass
         inertia[0, 1:] = inertia[1:, 0] = 0.0  # exactly symmetric, as the surface is up to rounding
         centre = np.array(unit.centre) * [0.0, 1.0, 1.0]
-        bodies.append(JawBody(name, mass, centre, inertia, DAMPING))
+        bodies.append(JawBody(name, mass, centre, inertia, BODY_DAMPING))
     return bodies

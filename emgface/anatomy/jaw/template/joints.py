@@ -17,7 +17,7 @@ retruded position lies about 1 mm behind intercuspation, and the side shift of a
 about 1 mm (Posselt 1952; Bennett 1908; as commonly quoted)."""
 STRANDS = 6
 """Strands of a membrane on each side."""
-MEMBRANE_STIFFNESS = 650.0
+STRAND_STIFFNESS = 650.0
 """Stiffness of one strand [N/m]: 12 strands as stiff as the 20 of 385.6 N/m of the published model
 (Stavness et al. 2006)."""
 LIGAMENT_STIFFNESS = 200.0
@@ -118,7 +118,7 @@ def _spring(
     bodies: tuple[str, str],
     start: Floats,
     end: Floats,
-    stiffness: float = MEMBRANE_STIFFNESS,
+    stiffness: float = STRAND_STIFFNESS,
     free: float = 1.0,
     *,
     one_sided: bool = False,

@@ -11,9 +11,9 @@ from typing import Final
 
 from emgface.errors import JawError
 from emgface.face.template.measures import MM, Measures, parse_measures
-from emgface.face.template.norms import NORMS, SOURCES, Norm, read_norms
+from emgface.face.template.norms import NORM_SOURCES, NORMS, Norm, read_norms
 
-_SOURCES: Final = SOURCES | {
+_SOURCES: Final = NORM_SOURCES | {
     "BONWILL": "A three-dimensional morphometric study on the position of temporomandibular joints, "
     "PubMed 26734666 (120 cone-beam scans)",
     "BIBBY": "Bibby and Preston 1981, Am J Orthod 80:92-97 (54 lateral radiographs)",

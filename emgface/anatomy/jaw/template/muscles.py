@@ -41,7 +41,7 @@ class JawMuscle(NamedTuple):
     stretch: float = 1.0
 
 
-CLOSED: Final = 1.13
+CLOSERS_STRETCH: Final = 1.13
 """Optimal over closed length of the fibres of closers: 2.73 um of optimal human sarcomeres over 2.41 um,
 the middle of 2.27 to 2.55 um in masseters of closed jaws (van Eijden and Raadsheer 1992, Anat Rec
 232:78-84)."""
@@ -59,14 +59,14 @@ def _muscle(row: Mapping[str, str]) -> JawMuscle:
         end("insertion"),
         float(row["force"]),
         float(row["fibre"]),
-        CLOSED if row["closer"] else 1.0,
+        CLOSERS_STRETCH if row["closer"] else 1.0,
     )
 
 
-MUSCLES: Final = {row["name"]: _muscle(row) for row in module_rows(__file__)}
+JAW_MUSCLES: Final = {row["name"]: _muscle(row) for row in module_rows(__file__)}
 """Muscles of the right side by their usual abbreviation, of ``muscles.csv``."""
 
-GROUPS: Final = {
+MUSCLE_GROUPS: Final = {
     "my": ("am", "pm"),
     "lp": ("ip", "sp"),
     "t": ("at", "mt", "pt"),
@@ -80,11 +80,11 @@ GROUPS: Final = {
 }
 """Muscles and groups driven together, by function."""
 
-PASSIVE_FRACTION: Final = 0.015
+TEMPLATE_PASSIVE_FRACTION: Final = 0.015
 """Largest passive over largest active force (Peck et al. 2000)."""
 STRETCH_MAX: Final = 1.5
 """Stretch of the fibres at which the passive force is largest; that of `sim.Peck`."""
-DAMPING: Final = 1.0
+MUSCLE_DAMPING: Final = 1.0
 """Damping of every muscle [N s/m], in place of its force-velocity relation (Stavness et al. 2006)."""
 MIRROR: Final = {"_L": np.array([-1.0, 1.0, 1.0]), "_R": np.ones(3)}
 """From the right to each side."""
@@ -93,7 +93,7 @@ MIRROR: Final = {"_L": np.array([-1.0, 1.0, 1.0]), "_R": np.ones(3)}
 def muscle_lines(places: Mapping[str, Floats]) -> list[JawLine]:
     """Muscles of both sides between landmarks [m]; the sides are exact mirror images."""
     lines = list[JawLine]()
-    for name, muscle in MUSCLES.items():
+    for name, muscle in JAW_MUSCLES.items():
         ends = np.array([place(places, muscle.origin), place(places, muscle.insertion)])
         length = float(np.linalg.norm(ends[1] - ends[0]))
         fibre = min(1e-3 * muscle.fibre, length)
@@ -103,8 +103,8 @@ def muscle_lines(places: Mapping[str, Floats]) -> list[JawLine]:
             # of the whole muscle, whose tendon keeps its length
             "stretch_max": 1.0 + (STRETCH_MAX - 1.0) * fibre / optimal,
             "tendon_ratio": 1.0 - fibre / optimal,
-            "passive_fraction": PASSIVE_FRACTION,
-            "damping": DAMPING,
+            "passive_fraction": TEMPLATE_PASSIVE_FRACTION,
+            "damping": MUSCLE_DAMPING,
             "stretch_opt": optimal / length,
         }
         lines += [

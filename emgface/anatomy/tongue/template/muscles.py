@@ -24,7 +24,7 @@ GENIAL: Final = ("chin_back", 0.0, 2.0, 7.0)
 it."""
 STYLOID: Final = np.array([-14e-3, -7e-3, -28e-3])
 """Tip of the styloid process from the right condyle, as the ligament of the jaw model [m]."""
-FIRST, SECOND, ALL = (0.0, 0.42), (0.42, 1.0), (0.0, 1.0)
+FIRST_PART, SECOND_PART, ALL = (0.0, 0.42), (0.42, 1.0), (0.0, 1.0)
 _Range = tuple[float, float]
 _Course = Callable[["_Here"], Floats]
 
@@ -62,17 +62,17 @@ def _along(axis: int) -> _Course:
 
 
 # fmt: off
-MUSCLES: Final = {
-    "GGA": TongueMuscle("anterior genioglossus", (0.0, 0.34), (0.2, 0.86), FIRST, 0.45, _from("genial"),
-                  (1, ((0.1, 0.2), (0.25, 0.2)))),
-    "GGM": TongueMuscle("middle genioglossus", (0.34, 0.62), (0.2, 0.86), FIRST, 0.45, _from("genial"),
-                  (1, ((0.4, 0.2), (0.55, 0.2)))),
-    "GGP": TongueMuscle("posterior genioglossus", (0.62, 1.0), (0.2, 1.0), FIRST, 0.45, _from("genial"),
-                  (1, ((0.7, 0.2), (0.85, 0.2)))),
-    "GH": TongueMuscle("geniohyoid", ALL, (0.0, 0.2), FIRST, 0.6, _along(0), (0, ((0.0, 0.2),))),
+TONGUE_MUSCLES: Final = {
+    "GGA": TongueMuscle("anterior genioglossus", (0.0, 0.34), (0.2, 0.86), FIRST_PART, 0.45,
+                        _from("genial"), (1, ((0.1, 0.2), (0.25, 0.2)))),
+    "GGM": TongueMuscle("middle genioglossus", (0.34, 0.62), (0.2, 0.86), FIRST_PART, 0.45,
+                        _from("genial"), (1, ((0.4, 0.2), (0.55, 0.2)))),
+    "GGP": TongueMuscle("posterior genioglossus", (0.62, 1.0), (0.2, 1.0), FIRST_PART, 0.45,
+                        _from("genial"), (1, ((0.7, 0.2), (0.85, 0.2)))),
+    "GH": TongueMuscle("geniohyoid", ALL, (0.0, 0.2), FIRST_PART, 0.6, _along(0), (0, ((0.0, 0.2),))),
     "MH": TongueMuscle("mylohyoid", ALL, (0.0, 0.2), ALL, 0.35, _along(2),
                   (2, ((0.25, 0.0), (0.55, 0.0)))),
-    "HG": TongueMuscle("hyoglossus", (0.5, 1.0), (0.0, 0.86), SECOND, 0.3, _from("horn"),
+    "HG": TongueMuscle("hyoglossus", (0.5, 1.0), (0.0, 0.86), SECOND_PART, 0.3, _from("horn"),
                   (1, ((0.7, 0.8), (0.85, 0.8)))),
     "STY": TongueMuscle("styloglossus", (0.1, 0.8), (0.6, 0.86), (0.6, 1.0), 0.25, _along(0),
                   (0, ((0.75, 1.0),))),
@@ -102,7 +102,7 @@ def place_tongue_muscles(
     volume = element_quality(mesh.position, mesh.connectivity).volume
     layer = 1.0 / mesh.shape[1]
     fibres, bundles, force = list[Fibre](), list[Bundle](), dict[str, float]()
-    for name, muscle in MUSCLES.items():
+    for name, muscle in TONGUE_MUSCLES.items():
         inside = _in(u, muscle.u) & _in(np.abs(w), muscle.w)
         inside &= _in(_even(v, layer), muscle.v)
         for side, sign in (("_L", -1.0), ("_R", 1.0)):

@@ -12,7 +12,7 @@ from emgface.face.template.arches import inner_wall
 VAULT = ((89, 3.5), (86, 9), (80, 14.5), (72, 18.5), (62, 20.5), (52, 20.5), (42, 18))
 """Midline of the palate of the man of `emgface.anatomy.tongue.template.shape.DRAWN`, y and z [mm]: about
 17 mm above the first molars, and 47 mm long; both as commonly quoted for adults."""
-STATIONS, ACROSS = 12, 13
+PALATE_SECTIONS, POINTS_ACROSS = 12, 13
 """Sections and points of each."""
 THICKNESS = 4e-3
 """Thickness of the closed body behind the surface [m]; not visible to the tongue."""
@@ -28,14 +28,14 @@ def palate(places: Mapping[str, Floats], arches: tuple[Arch, Arch]) -> Arch:
     """
     drawn = np.array([(0.0, y, z) for y, z in VAULT]) * 1e-3
     middle = fitted_shape(drawn, places, arches)
-    at = np.linspace(0.0, 1.0, STATIONS) * (len(drawn) - 1)
+    at = np.linspace(0.0, 1.0, PALATE_SECTIONS) * (len(drawn) - 1)
     y, z = (np.interp(at, np.arange(len(drawn)), middle[:, k]) for k in (1, 2))
     wall = inner_wall(next(arch for arch in arches if arch.bone == SKULL))
     side = wall[len(wall) // 2 :, 2]  # from the midline to the last tooth, next to the gums
     x = np.abs(side[:, 0])
     order = np.argsort(side[:, 1])
     width = np.maximum(np.interp(y, side[order, 1], x[order]), 3e-3)
-    s = np.sin(0.5 * np.pi * np.linspace(-1.0, 1.0, ACROSS))  # denser at the steep sides
+    s = np.sin(0.5 * np.pi * np.linspace(-1.0, 1.0, POINTS_ACROSS))  # denser at the steep sides
     rim = np.minimum(_CREST, z - 1e-3)[:, None]
     height = rim + (z[:, None] - rim) * np.sqrt(np.clip(1.0 - np.abs(s) ** 2.5, 0.0, None))
     low = np.stack([width[:, None] * s, np.broadcast_to(y[:, None], height.shape), height], axis=-1)
@@ -45,7 +45,7 @@ def palate(places: Mapping[str, Floats], arches: tuple[Arch, Arch]) -> Arch:
 
 def _closed() -> NDArray[np.int64]:
     """Triangles of both sheets and of the rim between them, outward; mirrored diagonals."""
-    lower = np.arange(STATIONS * ACROSS).reshape(STATIONS, ACROSS)
+    lower = np.arange(PALATE_SECTIONS * POINTS_ACROSS).reshape(PALATE_SECTIONS, POINTS_ACROSS)
     upper = lower + lower.size
     # stations run backwards and columns to the right: this order faces down
     below = _quads(lower)
@@ -54,8 +54,8 @@ def _closed() -> NDArray[np.int64]:
     after = np.roll(loop, -1)
     rim = np.stack([loop, loop + lower.size, after + lower.size, after], axis=1)
     quads = np.concatenate([below, above, rim])
-    column = np.tile(np.arange(ACROSS), 2 * STATIONS)[quads].mean(axis=1)
-    right = column > 0.5 * (ACROSS - 1)
+    column = np.tile(np.arange(POINTS_ACROSS), 2 * PALATE_SECTIONS)[quads].mean(axis=1)
+    right = column > 0.5 * (POINTS_ACROSS - 1)
     quads[right] = np.roll(quads[right], 1, axis=1)
     return np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
 

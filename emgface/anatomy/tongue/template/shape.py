@@ -22,22 +22,24 @@ Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
 Curve = tuple[tuple[float, float, float], ...]
 
-RESOLUTIONS: Final = {"coarse": (10, 5, 8), "medium": (14, 7, 10), "fine": (20, 10, 14)}
+TONGUE_RESOLUTIONS: Final = {"coarse": (10, 5, 8), "medium": (14, 7, 10), "fine": (20, 10, 14)}
 """Numbers of elements from front to back, from floor to dorsum, and from side to side."""
-LEAST, MOST = 120, 60_000
+LEAST_ELEMENTS, MOST_ELEMENTS = 120, 60_000
 """Bounds of an approximate number of elements."""
 
 # fmt: off
 DORSUM: Final = ((0, 83.6, -4.4), (0, 78, 4.6), (0, 70, 11.4), (0, 61, 15.6), (0, 51, 16.4),
                  (0, 41, 12.0), (0, 31, 2.0), (0, 24.8, -10), (0, 22.8, -21), (0, 28.2, -29.6))
-FLOOR: Final = ((0, 75.2, -31.6), (0, 67, -35.2), (0, 58, -37.2), (0, 48, -37.8), (0, 39.8, -35.6))
+FLOOR_OUTLINE: Final = ((0, 75.2, -31.6), (0, 67, -35.2), (0, 58, -37.2), (0, 48, -37.8),
+                        (0, 39.8, -35.6))
 FRONT: Final = ((0, 75.2, -31.6), (0, 74.6, -25), (0, 72.8, -19.5), (0, 72.2, -15), (0, 74.2, -11),
                 (0, 79.4, -7.6), (0, 83.6, -4.4))
-BACK: Final = ((0, 39.8, -35.6), (0, 36.6, -31.0), (0, 28.2, -29.6))
-EDGE: Final = ((8, 82.0, -5.2), (15, 74.5, -1.5), (20.5, 65, 1.5), (23, 56, 3.5), (26.5, 47, 3.5),
-               (26.5, 38, -2.5), (24, 29.5, -12), (19.5, 26, -19), (14, 27.0, -27.3))
-LINE: Final = ((7.4, 73.2, -27), (14, 65.5, -25.5), (19.4, 58, -24), (22.5, 50, -23.5),
-               (22.5, 43.5, -25.5), (18.5, 38.5, -29.5), (11.5, 36.6, -33.2))
+BACK_OUTLINE: Final = ((0, 39.8, -35.6), (0, 36.6, -31.0), (0, 28.2, -29.6))
+EDGE_OUTLINE: Final = ((8, 82.0, -5.2), (15, 74.5, -1.5), (20.5, 65, 1.5), (23, 56, 3.5),
+                       (26.5, 47, 3.5), (26.5, 38, -2.5), (24, 29.5, -12), (19.5, 26, -19),
+                       (14, 27.0, -27.3))
+LINE_OUTLINE: Final = ((7.4, 73.2, -27), (14, 65.5, -25.5), (19.4, 58, -24), (22.5, 50, -23.5),
+                       (22.5, 43.5, -25.5), (18.5, 38.5, -29.5), (11.5, 36.6, -33.2))
 FRONT_EDGE: Final = ((7.4, 73.2, -27), (7.5, 72.0, -19.5), (7.6, 71.7, -14.5), (8, 74.0, -10.5),
                      (8, 82.0, -5.2))
 BACK_EDGE: Final = ((11.5, 36.6, -33.2), (13, 31.8, -30.4), (14, 27.0, -27.3))
@@ -100,13 +102,13 @@ def divisions(resolution: str | int) -> tuple[int, int, int]:
         The name is unknown or the number out of range.
     """
     if isinstance(resolution, str):
-        if resolution not in RESOLUTIONS:
+        if resolution not in TONGUE_RESOLUTIONS:
             raise TongueError(
-                f"resolution is {resolution!r}, expected {', '.join(RESOLUTIONS)} or a number"
+                f"resolution is {resolution!r}, expected {', '.join(TONGUE_RESOLUTIONS)} or a number"
             )
-        return RESOLUTIONS[resolution]
-    if not LEAST <= resolution <= MOST:
-        raise TongueError(f"{resolution} elements, expected {LEAST} to {MOST}")
+        return TONGUE_RESOLUTIONS[resolution]
+    if not LEAST_ELEMENTS <= resolution <= MOST_ELEMENTS:
+        raise TongueError(f"{resolution} elements, expected {LEAST_ELEMENTS} to {MOST_ELEMENTS}")
     step = (resolution / 980.0) ** (1.0 / 3.0)
     return round(14 * step), max(round(7 * step), 4), 2 * max(round(5 * step), 2)
 
@@ -117,13 +119,13 @@ def tongue_mesh(
     """Mesh of the tongue of a person, exactly symmetric.
 
     `places` are those of `emgface.anatomy.jaw.template.landmarks.landmarks`, `arches` those of
-    `emgface.face.template.dental_arches`; `resolution` is a name of `RESOLUTIONS` or an approximate
-    number of elements.
+    `emgface.face.template.dental_arches`; `resolution` is a name of `TONGUE_RESOLUTIONS` or an
+    approximate number of elements.
     """
     nu, nv, nw = shape = divisions(resolution)
     u, v, w = np.linspace(0, 1, nu + 1), np.linspace(0, 1, nv + 1), np.linspace(-1, 1, nw + 1)
-    middle = _patch(FLOOR, DORSUM, FRONT, BACK, u, v)
-    side = _patch(LINE, EDGE, FRONT_EDGE, BACK_EDGE, u, v)
+    middle = _patch(FLOOR_OUTLINE, DORSUM, FRONT, BACK_OUTLINE, u, v)
+    side = _patch(LINE_OUTLINE, EDGE_OUTLINE, FRONT_EDGE, BACK_EDGE, u, v)
     power = np.stack(
         [np.ones(nv + 1), 2.0 * np.ones(nv + 1), _BOTTOM + (_TOP - _BOTTOM) * v], axis=1
     )
@@ -170,9 +172,9 @@ class Frame:
         return Frame((hyoid[1], chin[1], front), (hyoid[2], chin[2]), width)
 
 
-DRAWN: Final = Frame((35.4e-3, 77.0e-3, 86.5e-3), (-38.4e-3, -35.5e-3), 23.6e-3)
+DRAWN_FRAME: Final = Frame((35.4e-3, 77.0e-3, 86.5e-3), (-38.4e-3, -35.5e-3), 23.6e-3)
 """Lengths of the man for whom the outline is drawn."""
-BONE: Final = 10e-3
+HYOID_HEIGHT: Final = 10e-3
 """Height above the centre of the hyoid in which the outline follows its surface [m]."""
 
 
@@ -180,21 +182,34 @@ def fitted_shape(points: Floats, places: Mapping[str, Floats], arches: tuple[Arc
     """Points of the outline (n, 3) for a person [m].
 
     x is scaled by the width between the teeth and y is mapped piecewise linearly through `Frame.y`.
-    Heights between the lips and `BONE` above the line of hyoid and chin are stretched; the thickness of
-    the bones is that of all persons. Greater heights are scaled as x.
+    Heights between the lips and `HYOID_HEIGHT` above the line of hyoid and chin are stretched; the
+    thickness of the bones is that of all persons. Greater heights are scaled as x.
     """
     own = Frame.from_places(places, arches)
     x, y, z = points.T
-    scale = own.width / DRAWN.width
+    scale = own.width / DRAWN_FRAME.width
     near, far = 6e-3, 1e-1
     new = np.interp(
         y,
-        [DRAWN.y[0] - far, DRAWN.y[0], DRAWN.y[0] + near, *DRAWN.y[1:], DRAWN.y[2] + far],
+        [
+            DRAWN_FRAME.y[0] - far,
+            DRAWN_FRAME.y[0],
+            DRAWN_FRAME.y[0] + near,
+            *DRAWN_FRAME.y[1:],
+            DRAWN_FRAME.y[2] + far,
+        ],
         [own.y[0] - scale * far, own.y[0], own.y[0] + near, *own.y[1:], own.y[2] + scale * far],
     )
-    low, drawn = np.interp(new, own.y[:2], own.low), np.interp(y, DRAWN.y[:2], DRAWN.low)
+    low, drawn = (
+        np.interp(new, own.y[:2], own.low),
+        np.interp(y, DRAWN_FRAME.y[:2], DRAWN_FRAME.low),
+    )
     up = z - drawn  # above the floor
-    rise = np.where(up < BONE, up, BONE + (up - BONE) * (-low - BONE) / (-drawn - BONE))
+    rise = np.where(
+        up < HYOID_HEIGHT,
+        up,
+        HYOID_HEIGHT + (up - HYOID_HEIGHT) * (-low - HYOID_HEIGHT) / (-drawn - HYOID_HEIGHT),
+    )
     return np.column_stack([scale * x, new, np.where(z < 0.0, low + rise, scale * z)])
 
 
