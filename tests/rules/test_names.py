@@ -157,34 +157,69 @@ def test_an_empty_name_is_noticed() -> None:
     assert empty_names("class Told:\n    found_faces = 1\n") == {"Told"}
 
 
-def constants(root: Path) -> dict[str, set[tuple[str, str]]]:
-    """Modules of `sim` that define each public constant, with the expression of its value."""
+SHARED_BY_REGISTRY = {
+    "FORMAT": ("emgface/recordings/readers",),
+    "SUFFIXES": ("emgface/recordings/readers", "emgface/recordings/exports"),
+    "NAME": ("emgface/recordings/exports",),
+}
+"""Constants that every module of a registry defines, and the folders of these modules."""
+
+
+def constants(root: Path, packages: tuple[str, ...]) -> dict[str, set[tuple[str, str]]]:
+    """Modules of packages that define each public constant, with the expression of its value."""
     places = defaultdict[str, set[tuple[str, str]]](set)
-    for path in sorted((root / "sim").rglob("*.py")):
+    for path in sorted(p for package in packages for p in (root / package).rglob("*.py")):
         here = path.relative_to(root).as_posix()
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
-            if not isinstance(node, ast.Assign):
+            if isinstance(node, ast.AnnAssign):
+                targets = [node.target]
+            elif isinstance(node, ast.Assign):
+                targets = node.targets
+            else:
                 continue
-            for target in node.targets:
-                pairs = [(target, node.value)]
-                if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
-                    pairs = list(zip(target.elts, node.value.elts, strict=True))
-                for name, value in pairs:
-                    if isinstance(name, ast.Name) and name.id.isupper() and name.id[0] != "_":
-                        places[name.id].add((here, ast.unparse(value)))
+            value = node.value
+            for target in targets if value is not None else []:
+                pairs = [(target, value)]
+                if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+                    pairs = list(zip(target.elts, value.elts, strict=True))
+                for name, one in pairs:
+                    if not (isinstance(name, ast.Name) and name.id.isupper()):
+                        continue
+                    if name.id[0] == "_" or here.startswith(
+                        SHARED_BY_REGISTRY.get(name.id, ("-",))
+                    ):
+                        continue
+                    if isinstance(one, ast.Call) and ast.unparse(one.func).endswith(TYPES):
+                        continue
+                    places[name.id].add((here, ast.unparse(one)))
     return places
+
+
+TYPES = ("TypeVar", "ParamSpec")
+"""Names of types are no constants; type checkers require them in the module that uses them."""
 
 
 def test_constants_of_the_mechanics_have_one_value(root: Path) -> None:
     """A constant that a second module needs too has the same value there, and the same meaning."""
-    every = constants(root)
+    every = constants(root, ("sim",))
     assert len(every) > 200
     assert not {n: p for n, p in every.items() if len({value for _, value in p}) > 1}
 
 
+def test_constants_of_the_face_and_the_analysis_have_one_module(root: Path) -> None:
+    """The name says what the number bounds; who needs the same number imports it."""
+    every = constants(root, ("emgface", "analysis"))
+    assert len(every) > 1000
+    assert not {name: places for name, places in every.items() if len(places) > 1}
+
+
 def test_a_constant_with_two_values_is_noticed(tmp_path: Path) -> None:
-    (tmp_path / "sim").mkdir()
-    (tmp_path / "sim" / "one.py").write_text("MOST, LEAST = 1, 2\n")
-    (tmp_path / "sim" / "two.py").write_text("MOST = 3\n")
-    values = {value for _, value in constants(tmp_path)["MOST"]}
-    assert values == {"1", "3"} and len(constants(tmp_path)["LEAST"]) == 1
+    for package, text in (
+        ("sim", "MOST, LEAST = 1, 2\nT = TypeVar('T')\n"),
+        ("emgface", "MOST: Final = 3\nFORMAT = 1\n"),
+    ):
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "one.py").write_text(text)
+    every = constants(tmp_path, ("sim", "emgface"))
+    assert {value for _, value in every["MOST"]} == {"1", "3"}
+    assert set(every) == {"MOST", "LEAST", "FORMAT"} and len(every["LEAST"]) == 1
