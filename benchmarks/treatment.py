@@ -397,6 +397,7 @@ def specification_table(rows: dict[str, list[Row]]) -> str:
 def main(
     only: Annotated[list[str] | None, typer.Option(help="Check to run; repeatable.")] = None,
     plans: Annotated[int, typer.Option(help="Number of random plans.")] = 20,
+    seed: Annotated[int, typer.Option(help="Seed of the random plans.")] = 0,
     specification: Annotated[
         bool, typer.Option("--specification", help="Checks 1 to 8 of the specification as a table.")
     ] = False,
@@ -410,7 +411,7 @@ def main(
         bool, typer.Option("--contact/--no-contact", help="Trends with contact.")
     ] = True,
 ) -> None:
-    given = {"plans": plans, "given": face, "contact": contact}
+    given = {"plans": plans, "seed": seed, "given": face, "contact": contact}
     listed = only or ([name for name, _ in SPECIFIED.values()] if specification else [*CHECKS])
     code = code_version(CODE)
     done = {} if kept is None else kept_rows(kept, code)

@@ -71,14 +71,16 @@ def check_landmarks_on(
     far = points.on_skin & (near.distance > OFF)
     many = float(np.median(near.distance[points.on_skin]))
     if far.any():
-        k = int(np.argmax(np.where(far, near.distance, 0.0)))
+        listed = _beyond(points.names, np.where(far, near.distance, 0.0), OFF)
         raise FitError(
-            f"landmark {points.names[k]} lies {1e3 * near.distance[k]:.3g} mm from {name} (median of "
-            f"all {1e3 * many:.3g} mm), expected at most {1e3 * OFF:.0f} mm: "
+            f"{len(listed)} of {int(points.on_skin.sum())} landmarks lie off {name}: "
+            f"{', '.join(listed[:4])} (median of all {1e3 * many:.3g} mm), expected at most "
+            f"{1e3 * OFF:.0f} mm: "
             + (
-                "check the unit and the frame (LPS or RAS) of both files"
+                "check the unit, the spacing and the frame (LPS or RAS) of both files"
                 if many > OFF
-                else "check this landmark, or whether the surface has a hole there"
+                else "check these landmarks, and whether the surface has a hole there or ends before "
+                "them; if it does not, the spacing of its file, and whether it is flipped"
             )
         )
     miss = float(np.sqrt(np.mean(near.distance[points.on_skin] ** 2)))

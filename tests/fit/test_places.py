@@ -70,6 +70,27 @@ def test_one_landmark_off_the_scan_is_no_motion(face):
     assert check_landmarks_on(skin, points, "scan.ply", NOISE) is None
 
 
+@pytest.mark.parametrize("change", ["stretched", "ends", "moved"])
+def test_all_landmarks_off_a_surface_are_named_with_what_to_try(face, change):
+    """One landmark alone was named, and blamed, for a file with a wrong spacing or a part of a scan."""
+    skin, points = sheets(face)["skin"].at(face["position"].values), landmarks(face, NOISE)
+    middle = skin.points.mean(axis=0)
+    if change == "stretched":
+        skin = Surface((skin.points - middle) * [1.5, 1.0, 1.0] + middle, skin.triangles)
+    elif change == "ends":
+        below = (skin.points[skin.triangles][:, :, 2] < middle[2]).all(axis=1)
+        skin = Surface(skin.points, skin.triangles[below])
+    else:
+        skin = Surface(skin.points + [0.0, 0.06, 0.0], skin.triangles)
+    with pytest.raises(FitError) as refusal:
+        check_landmarks_on(skin, points, "scan.ply", NOISE)
+    sentence, near = str(refusal.value), skin.nearest(points.target)
+    off = [points.names[k] for k in np.flatnonzero(points.on_skin & (near.distance > 0.012))]
+    assert f"{len(off)} of {int(points.on_skin.sum())} landmarks lie off scan.ply" in sentence
+    assert sum(name in sentence for name in off) >= min(len(off), 4) and len(off) > 1
+    assert ("frame (LPS or RAS)" if change == "moved" else "spacing") in sentence
+
+
 def test_the_spread_of_a_spline_is_that_of_drawn_shapes():
     """One dimension: between points h apart without noise, the variance of the middle is GROWTH h."""
     at = np.column_stack([np.linspace(-0.5, 0.5, 101), np.zeros((101, 2))])
