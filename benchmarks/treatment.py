@@ -413,7 +413,7 @@ def main(
 ) -> None:
     given = {"plans": plans, "seed": seed, "given": face, "contact": contact}
     listed = only or ([name for name, _ in SPECIFIED.values()] if specification else [*CHECKS])
-    code = code_version(CODE)
+    code = f"{code_version(CODE)} {given}"  # rows of other options are other rows
     done = {} if kept is None else kept_rows(kept, code)
     for name in listed:
         check = CHECKS[name]
