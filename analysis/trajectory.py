@@ -17,6 +17,9 @@ A nanometre is far below the resolution of a camera and above the tolerance of a
 whose residual motion must not be scored as movement.
 """
 
+LARGEST_POSITION: Final = 1e150
+"""Position whose square, summed over the samples, approaches the largest float64; it is a gap [m]."""
+
 
 def names(labels: list[str], most: int = 4) -> str:
     """Join labels for a message, the first few of them."""
@@ -164,7 +167,7 @@ def measured_span(position: xr.DataArray) -> slice:
 def pair(
     measured: xr.DataArray, simulated: xr.DataArray, dim: str
 ) -> tuple[xr.DataArray, xr.DataArray]:
-    """Check two trajectories against each other and return them as float64, NaN for infinite."""
+    """Check two trajectories against each other; NaN from `LARGEST_POSITION` on."""
     for role, data in (("measured", measured), ("simulated", simulated)):
         if not isinstance(data, xr.DataArray):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise TrajectoryError(
@@ -177,6 +180,10 @@ def pair(
             raise TrajectoryError(
                 f"the {role} trajectory has dims {tuple(map(str, data.dims))} and lacks "
                 f"{names(absent)}"
+            )
+        if not data.sizes["axis"]:
+            raise TrajectoryError(
+                f"the {role} trajectory has no axis, expected at least one: check what was selected"
             )
     both = (measured, simulated)
     single = [
@@ -206,7 +213,7 @@ def pair(
         # The labels may differ by rounding, and xarray would keep only identical ones.
         v = relabelled(v, {dim: simulated[dim]})
     v, w = floats(v), floats(simulated)
-    return v.where(abs(v) < np.inf), w.where(abs(w) < np.inf)
+    return v.where(abs(v) < LARGEST_POSITION), w.where(abs(w) < LARGEST_POSITION)
 
 
 @dataclass(frozen=True)

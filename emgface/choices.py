@@ -104,6 +104,8 @@ def configure(model: type[ModelT], values: Mapping[str, Any], *, where: str = ""
     if a name is unknown (with the nearest valid one) or a value is invalid.
     """
     try:
+        if hasattr(values, "data_vars"):  # a Dataset of xarray is a mapping, too
+            raise TypeError
         given = dict(values)
     except (TypeError, ValueError) as error:
         raise ConfigurationError(

@@ -19,7 +19,7 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-from emgface.errors import DataError, StoreError, listed
+from emgface.errors import DataError, EmgfaceError, StoreError, listed
 
 LEAST_SPACE = 2**20  #: free space [bytes] below which a disk counts as full
 
@@ -127,7 +127,7 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     Folders are created. Raises DataError if the file cannot be written.
     """
     temporary: Path | None = None
-    expressible(path)
+    path = file_to_write(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = new_part(path)
@@ -228,12 +228,47 @@ def _digest(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:8]
 
 
-def expressible(path: str | os.PathLike[str]) -> Path:
-    """Return a path; DataError if its name cannot be expressed in the encoding of file names.
+def file_to_write(path: object) -> Path:
+    """Return the path of a file that can be written; DataError for a folder, and if it is no path."""
+    path = expressible(path)
+    if path.is_dir():
+        raise DataError(f"{path} is a folder, expected the name of a file to write: add the name")
+    return path
+
+
+def existing_file(
+    path: str | os.PathLike[str], expected: str, error: type[EmgfaceError] = DataError
+) -> Path:
+    """Return the path of a file that exists; raises `error` for a folder, and for none."""
+    path = expressible(path)
+    if not path.is_file():
+        raise error(absence(path, expected))
+    return path
+
+
+def absence(path: Path, expected: str) -> str:
+    """Return the message for a path that is no file: a folder, a link to nothing, or absent."""
+    if path.is_dir():
+        return f"{path} is a folder; expected {expected}: specify a file."
+    if path.is_symlink():
+        return (
+            f"{path} is a link to {os.readlink(path)}, which is not there; expected {expected}: copy "
+            "the file to its place, or delete the link."
+        )
+    return f"No file {path}; expected {expected}: check the path."
+
+
+def expressible(path: object) -> Path:
+    """Return a path; DataError if it is none, or its name is not in the encoding of file names.
 
     Python reads such names with placeholders for the bytes that it cannot decode. Libraries in C
     cannot open them, and no text file in UTF-8 can contain them.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise DataError(
+            f"the path is of type {type(path).__name__}, expected a text or a pathlib.Path: pass the "
+            "name of the file or folder"
+        )
     path, encoding = Path(path), sys.getfilesystemencoding()
     try:
         wrong = "a null character" if "\0" in str(path) else ""

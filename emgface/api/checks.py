@@ -18,7 +18,7 @@ def check(
     Parameters
     ----------
     given : Dataset or path-like
-        Recording of any supported format, or the file of a face, jaw, tongue or head.
+        Recording of any supported format, or a face, jaw, tongue or (as a file) head.
     study : bool
         Channels and markers of the study that the recording lacks are problems as well.
     mapping : mapping or path-like, optional
@@ -48,20 +48,23 @@ def check(
     import pandas as pd
     import xarray as xr
 
-    from emgface.api.given import recording_of
+    from emgface.anatomy.checked import checked_model
+    from emgface.api.given import kind_of_given, recording_of
     from emgface.api.readiness import refusals
     from emgface.models.kinds import MODEL_KINDS
     from emgface.recordings.check import check_recording, problems
-    from emgface.schema.netcdf import kind_of
     from emgface.signals.parameters import SignalChain
 
-    if not isinstance(given, xr.Dataset) and Path(given).suffix.lower() == ".nc":
-        declared = kind_of(Path(given))
-        for kind in MODEL_KINDS.values():
-            if kind.model == declared:
-                model = kind.functions.read(Path(given))
-                description = pd.DataFrame({"description": [kind.functions.describe(model)]})
-                return {"model": description, **dict(kind.functions.check(model))}
+    stated = kind_of_given(given, "a recording or a model")
+    for kind in MODEL_KINDS.values():
+        if kind.model == stated:
+            model = (
+                checked_model(given, stated)
+                if isinstance(given, xr.Dataset)
+                else kind.functions.read(Path(given))
+            )
+            description = pd.DataFrame({"description": [kind.functions.describe(model)]})
+            return {"model": description, **dict(kind.functions.check(model))}
     recording = recording_of(given, mapping)
     report = check_recording(recording, study=study)
     refused = refusals(recording, SignalChain())

@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -125,6 +124,7 @@ def reduce(
 
     from emgface.api.given import face_of, simulation_of, study_of
     from emgface.choices import configure
+    from emgface.files import expressible
     from emgface.reduced.parameters import ReductionParameters
     from emgface.reduced.training import reduce_face
     from emgface.run.store import Store
@@ -135,7 +135,7 @@ def reduce(
     options = {name: v for name, v in given.items() if v is not None} | dict(training or {})
     size = configure(ReductionParameters, options, where="reduction")
     with TemporaryDirectory() as unkept:
-        store = Store(Path(folder or unkept))
+        store = Store(expressible(unkept if folder is None else folder))
         return reduce_face(face_of(face, plan), parameters, size, store, progress=progress)
 
 
@@ -237,6 +237,7 @@ def simulate(
     from emgface.face.motion import settle_face, simulate_face
     from emgface.face.sigma_max import lower_sigma_max
     from emgface.face.waypoints import Branch, WayPoints
+    from emgface.files import expressible
     from emgface.models.face import constant_activation
     from emgface.pictures.body import skin_of
     from emgface.pictures.surface import SurfaceProbe, with_surface
@@ -268,7 +269,7 @@ def simulate(
     warn_of(other)
     if calibrate:
         trained = plan.model_copy(update={"simulation": parameters})
-        training = [Path(path) for path in calibrate]
+        training = [expressible(path) for path in calibrate]
         update = {"sigma_max": calibrated_for(attrs, training, model, trained)}
         parameters = parameters.model_copy(update=update)
     stress = float(attrs.get("sigma_max", parameters.sigma_max))
@@ -280,8 +281,8 @@ def simulate(
         )
     skin = skin_of(model) if surface else None
     further = (*probes, SurfaceProbe(skin.node)) if skin else probes
-    kept = None if waypoints is None else WayPoints(Path(waypoints[0]), waypoints[1])
-    begun = None if branch is None else Branch.from_folder(Path(branch[0]), branch[1])
+    kept = None if waypoints is None else WayPoints(expressible(waypoints[0]), waypoints[1])
+    begun = None if branch is None else Branch.from_folder(expressible(branch[0]), branch[1])
     with shown(progress, "simulating") as line:
 
         def once(chosen: Any) -> "xr.Dataset":

@@ -99,10 +99,11 @@ def fit(
     """
     import warnings
 
-    from emgface.api.given import face_of, study_of
+    from emgface.api.given import face_of, study_of, target_or_none
     from emgface.errors import FitWarning
     from emgface.fit.person import fit_face
 
+    page = target_or_none(report)
     fitted = fit_face(
         face_of(face, study_of(None)), landmarks, skin=skin, inner=inner, bone=bone, unit=unit,
         on_face=on_face, rim=rim, noise=noise, thickness=thickness, name=name, simulated=simulated,
@@ -110,8 +111,8 @@ def fit(
     )  # fmt: skip
     for doubt in fitted.doubts:
         warnings.warn(doubt, FitWarning, stacklevel=2)
-    if report is not None:
+    if page is not None:
         from emgface.fit.report import write_report
 
-        write_report(fitted, report)
+        write_report(fitted, page)
     return fitted.face

@@ -9,12 +9,12 @@ import xarray as xr
 from pydantic import BaseModel
 
 from emgface.choices import configure
-from emgface.errors import SchemaError
-from emgface.files import expressible
+from emgface.errors import ConfigurationError, SchemaError
+from emgface.files import expressible, file_to_write
 from emgface.recordings.dataset import read_recording
 from emgface.recordings.fillers import without_fillers
-from emgface.schema.in_memory import usable
-from emgface.schema.netcdf import read_netcdf
+from emgface.schema.in_memory import kind_in_memory, require_kind, usable
+from emgface.schema.netcdf import kind_of, read_netcdf
 from emgface.signals.parameters import SignalChain
 
 # The mechanics are imported by the functions that use them: signals require none.
@@ -51,7 +51,7 @@ def study_of(given: Given) -> "StudyConfiguration":
         study = configure(StudyConfiguration, given, where="study")
         check_axes(study, where="study")
         return study
-    return load_study(Path(given))
+    return load_study(expressible(given))
 
 
 def path_of(given: object, expected: str) -> Path:
@@ -64,6 +64,24 @@ def path_of(given: object, expected: str) -> Path:
     return expressible(given)
 
 
+def path_or_none(given: File | None) -> Path | None:
+    """Return the path of an optional argument; DataError if it is something else."""
+    return None if given is None else expressible(given)
+
+
+def target_or_none(given: File | None) -> Path | None:
+    """Return the path of an optional file to write; DataError for a folder, and if it is no path."""
+    return None if given is None else file_to_write(given)
+
+
+def kind_of_given(given: Data, expected: str) -> str:
+    """Return the kind of a dataset, or that which a netCDF file states, and "" for other files."""
+    if isinstance(given, xr.Dataset):
+        return kind_in_memory(given)
+    path = path_of(given, expected)
+    return kind_of(path) if path.suffix.lower() == ".nc" else ""
+
+
 def dataset_of(given: Data, kind: str, variable: str) -> xr.Dataset:
     """Return a dataset of a kind, read from its netCDF file if a path is passed.
 
@@ -72,6 +90,7 @@ def dataset_of(given: Data, kind: str, variable: str) -> xr.Dataset:
     """
     if not isinstance(given, xr.Dataset):
         return read_netcdf(path_of(given, f"a stored {kind}"), kind)
+    require_kind(given, kind)
     if variable not in given:
         raise SchemaError(
             f"the dataset contains {', '.join(map(str, given.data_vars)) or 'no variable'}, expected "
@@ -86,6 +105,11 @@ def recording_of(given: Data, mapping: Mapping[str, Any] | File | None) -> xr.Da
     Raises errors as `emgface.recordings.dataset.read_recording`.
     """
     if isinstance(given, xr.Dataset):
+        if mapping is not None:
+            raise ConfigurationError(
+                "a mapping assigns names to the labels of a file, expected none for a recording in "
+                "memory: leave it out, or pass the file"
+            )
         return without_fillers(usable(given, "recording"))
     named = fspath(mapping) if isinstance(mapping, PathLike) else mapping
     return read_recording(path_of(given, "a recording"), mapping=named)
@@ -104,8 +128,7 @@ def face_of(given: Data | None, study: "StudyConfiguration") -> xr.Dataset:
         return study_face(study.face)
     if not isinstance(given, xr.Dataset):
         return load_face(path_of(given, "a face model"))
-    check_face(given)
-    return given
+    return check_face(usable(given, "face_model"))
 
 
 def changed(model: ModelT, tables: Mapping[str, Any], where: str) -> ModelT:

@@ -62,9 +62,10 @@ def build(
     """
     from typing import cast
 
+    from emgface.api.given import target_or_none
     from emgface.models.kinds import Person, kind_named
 
-    chosen = kind_named(kind)
+    chosen, target = kind_named(kind), target_or_none(out)
     person = Person(
         preset=preset,
         seed=seed,
@@ -74,8 +75,6 @@ def build(
         contacts=None if contacts is None else tuple(contacts),
     )
     model = chosen.build(person)
-    if out is not None:
-        from pathlib import Path
-
-        chosen.functions.write(model, Path(out))
+    if target is not None:
+        chosen.functions.write(model, target)
     return cast("Any", model)

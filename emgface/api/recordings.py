@@ -1,8 +1,7 @@
 """Functions on recordings: reading, activation, scores of a simulated motion."""
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,12 +39,12 @@ def read(path: "File", *, mapping: "Mapping[str, Any] | File | None" = None) -> 
     >>> recording = ef.read("V1_A_1.c3d", mapping="mapping.toml")  # doctest: +SKIP
     """
     from emgface.anatomy.checked import read_model
-    from emgface.api.given import recording_of
+    from emgface.api.given import kind_of_given, recording_of
     from emgface.face.file import load_face
-    from emgface.schema.netcdf import kind_of
+    from emgface.files import expressible
 
-    path = Path(path)
-    kind = kind_of(path) if path.suffix.lower() == ".nc" else "recording"
+    path = expressible(path)
+    kind = kind_of_given(path, "a file")
     if kind == "face_model":
         return load_face(path)
     if kind not in ("", "recording"):
@@ -99,17 +98,19 @@ def describe(
     >>> import emgface as ef
     >>> print(ef.describe("recording.csv", out="recording.toml"))  # doctest: +SKIP
     """
-    from emgface.files import refuse_existing, write_text
+    from emgface.api.given import target_or_none
+    from emgface.files import expressible, refuse_existing, write_text
     from emgface.recordings.describe import describe as draft
 
-    refuse_existing(None if out is None else Path(out))
-    folder = None if out is None else Path(out).parent
+    target = target_or_none(out)
+    refuse_existing(target)
+    folder = None if target is None else target.parent
     text = draft(
-        Path(path), sidecar_folder=folder, rate=rate, unit=unit, columns=columns, variable=variable,
-        confirmed=confirmed,
+        expressible(path), sidecar_folder=folder, rate=rate, unit=unit, columns=columns,
+        variable=variable, confirmed=confirmed,
     )  # fmt: skip
-    if out is not None:
-        write_text(Path(out), text)
+    if target is not None:
+        write_text(target, text)
     return text
 
 
@@ -125,7 +126,7 @@ def activate(
     missing_side: str | None = None,
     missing_muscle: str | None = None,
     session: "xr.Dataset | None" = None,
-    reference: "xr.Dataset | Sequence[Data] | None" = None,
+    reference: "Data | Sequence[Data] | None" = None,
     **tables: Mapping[str, Any],
 ) -> "xr.Dataset":
     """Compute muscle activations from the sEMG of a recording.
@@ -152,8 +153,8 @@ def activate(
         "leave_out"), and of one that was recorded on neither side ("zero" or "leave_out").
     session, reference : Dataset, optional
         Range of the features (`emgface.signals.activation.feature_range`), to which the normalisation
-        then refers. `reference` may also be a maximum-effort recording of the same volunteer, or
-        a sequence of them.
+        then refers. `reference` may also be a maximum-effort recording of the same volunteer or its
+        file, or a sequence of them.
     **tables : mapping
         Further tables of ``[signals]`` in a study file, such as ``normalisation={"silent": "zero"}``.
 
@@ -215,13 +216,15 @@ def activate(
     for table, named in options.items():
         chosen = {name: value for name, value in named.items() if value is not None}
         tables = merged(tables, {table: chosen} if chosen else {})
-    if isinstance(reference, xr.Dataset) and "emg" in reference:
-        reference = [reference]  # one recording of maximum effort
+    one_file = isinstance(reference, str) or not isinstance(reference, Iterable | None)
+    if one_file or (isinstance(reference, xr.Dataset) and "emg" in reference):
+        reference = cast("Sequence[Data]", [reference])  # one recording of maximum effort
     extent = reference if isinstance(reference, xr.Dataset) else None
     tables = merged(tables, _reach(session, reference, tables.get("normalisation")))
     chain = changed(signals_of(study), tables, "signals")
     if reference is not None and not isinstance(reference, xr.Dataset):
-        extent = feature_range((recording_of(one, mapping) for one in reference), chain)
+        efforts = cast("Sequence[Data]", reference)
+        extent = feature_range((recording_of(one, mapping) for one in efforts), chain)
     if strategy == TRUE_STRATEGY:
         return true_activation_of(given, chain.resampling)
     findings = for_activation(given)

@@ -63,13 +63,12 @@ def sound(
     >>> import emgface as ef
     >>> ef.sound(vowel="a", source=None)["formant_frequency"].values[0, :2]  # doctest: +SKIP
     """
-    from pathlib import Path
-
     from emgface.anatomy.airway.area_function import ideal_vowel, lips_of_trial, with_lips
     from emgface.anatomy.airway.sound import synthesise, with_formants, write_wave
-    from emgface.api.given import dataset_of
+    from emgface.api.given import dataset_of, target_or_none
     from emgface.errors import ConfigurationError, listed
 
+    target = target_or_none(wave)
     if source is None and wave is not None:
         raise ConfigurationError(
             "a wave file needs a source, expected 'folds', 'rosenberg' or a wave file with the flow of "
@@ -108,6 +107,6 @@ def sound(
         pitch=pitch,
         seed=seed,
     )
-    if wave is not None:
-        write_wave(pressure, Path(wave))
+    if target is not None:
+        write_wave(pressure, target)
     return pressure

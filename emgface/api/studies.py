@@ -64,6 +64,7 @@ def study(
     from emgface.api.given import changed, simulation_of, study_of
     from emgface.api.progress import shown
     from emgface.errors import ConfigurationError
+    from emgface.files import expressible
     from emgface.run.cluster import DaskWorkers
     from emgface.study.file import check_axes
     from emgface.study.run import run_study
@@ -73,16 +74,17 @@ def study(
             "no folder for the results of the study was specified, expected one: pass it as in "
             'ef.study(..., out="results")'
         )
+    folder = expressible(out)
     plan = study_of(study)
     simulation = simulation_of(plan.simulation, accuracy, tables.pop("simulation", {}))
     plan = changed(plan, tables, "study").model_copy(update={"simulation": simulation})
     check_axes(plan, where="study")
     with shown(progress, f"study {plan.name}") as line:
         if scheduler is None:
-            return run_study(plan, Path(out), workers=workers, observer=line)
+            return run_study(plan, folder, workers=workers, observer=line)
         chosen = DaskWorkers(scheduler)
         try:
-            return run_study(plan, Path(out), workers=chosen, observer=line)
+            return run_study(plan, folder, workers=chosen, observer=line)
         finally:
             chosen.end()
 
@@ -121,11 +123,13 @@ def report(
     >>> import emgface as ef
     >>> ef.report("results", "report.html")  # doctest: +SKIP
     """
+    from emgface.api.given import target_or_none
+    from emgface.files import expressible
     from emgface.report.results import study_cube
     from emgface.report.study_tables import write_tables
     from emgface.report.write import write_page
 
-    place = Path(folder)
+    place, target = expressible(folder), target_or_none(out)
     known = write_tables(study_cube(place), place) if tables else None
-    page = place / "report.html" if out is None else Path(out)
+    page = target or place / "report.html"
     return write_page(place, page, faces=faces, known=known).path

@@ -57,11 +57,11 @@ def treat(
     """
     from emgface.anatomy.checked import read_model
     from emgface.anatomy.jaw.model import check_jaw
-    from emgface.api.given import face_of, simulation_of, study_of
+    from emgface.api.given import face_of, kind_of_given, path_of, simulation_of, study_of
     from emgface.choices import configure
     from emgface.errors import ConfigurationError, TreatmentWarning
     from emgface.face.identity import treatments
-    from emgface.schema.netcdf import kind_of
+    from emgface.files import expressible
     from emgface.treatment.plan import Plan, read_plan
     from emgface.treatment.treat import treat_face, treat_jaw
 
@@ -69,16 +69,12 @@ def treat(
     if isinstance(plan, Plan):
         own = plan
     elif isinstance(plan, str | os.PathLike):
-        own, folder = read_plan(Path(plan)), Path(plan).parent
+        own, folder = read_plan(expressible(plan)), Path(plan).parent
     else:
         own = configure(Plan, plan, where="plan")
-    if (
-        not isinstance(face, xr.Dataset)
-        and Path(face).is_file()
-        and kind_of(Path(face)) == "jaw_model"
-    ):
-        face = read_model(Path(face), "jaw_model")
-    if isinstance(face, xr.Dataset) and "body_mass" in face:  # a jaw
+    if kind_of_given(face, "a face or a jaw") == "jaw_model":
+        if not isinstance(face, xr.Dataset):
+            face = read_model(path_of(face, "a jaw"), "jaw_model")
         if choices:
             raise ConfigurationError(
                 f"{next(iter(choices))} was specified for a jaw, expected no parameter of a simulation: "
@@ -167,29 +163,43 @@ def compare(
     >>> compared = ef.compare("face.nc", "operated.nc", page="page.html")  # doctest: +SKIP
     >>> compared.outcomes  # doctest: +SKIP
     """
-    from emgface.api.given import face_of, simulation_of, study_of
+    from emgface.api.given import (
+        face_of,
+        path_of,
+        path_or_none,
+        simulation_of,
+        study_of,
+        target_or_none,
+    )
     from emgface.api.progress import shown
-    from emgface.files import write_text
+    from emgface.errors import ConfigurationError
+    from emgface.files import expressible, write_text
     from emgface.reduced.model import contact_of
     from emgface.treatment.comparison import compare_faces
     from emgface.treatment.reduced_pair import refuse_reduced
 
+    if mapping is not None and recordings is None:
+        raise ConfigurationError(
+            "the mapping has no effect without recordings, expected a folder of recordings: pass both, "
+            "or leave it out"
+        )
     study = study_of(None)
-    refuse_reduced(*(Path(given) for given in (before, after) if not isinstance(given, xr.Dataset)))
-    given = {"contact": contact_of(Path(reduced[0]))} if reduced else {}
+    pages = ((target_or_none(page), False), (target_or_none(plain), True))
+    faces = (before, after)
+    refuse_reduced(*(path_of(x, "a face") for x in faces if not isinstance(x, xr.Dataset)))
+    given = {"contact": contact_of(expressible(reduced[0]))} if reduced else {}
     parameters = simulation_of(study.simulation, accuracy, given | choices)
     if store is None and page is not None:
-        store = Path(page).with_suffix("").absolute() / "store"
+        store = expressible(page).with_suffix("").absolute() / "store"
     with shown(progress, "comparison") as line:
         compared = compare_faces(
             face_of(before, study), face_of(after, study), parameters,
-            recordings=None if recordings is None else Path(recordings),
-            mapping=None if mapping is None else Path(mapping),
-            reduced=[Path(file) for file in reduced], both_cuts=both_cuts,
-            spread=None if spread is None else Path(spread),
-            store=None if store is None else Path(store), workers=workers, progress=line.show,
+            recordings=path_or_none(recordings), mapping=path_or_none(mapping),
+            reduced=[expressible(file) for file in reduced], both_cuts=both_cuts,
+            spread=path_or_none(spread), store=path_or_none(store), workers=workers,
+            progress=line.show,
         )  # fmt: skip
-    for path, simple in ((page, False), (plain, True)):
+    for path, simple in pages:
         if path is not None:
-            write_text(Path(path), compared.page(plain=simple))
+            write_text(path, compared.page(plain=simple))
     return compared

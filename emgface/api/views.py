@@ -23,7 +23,7 @@ def show(
     shown: "Data",
     out: "File | None" = None,
     *,
-    activation: "xr.Dataset | None" = None,
+    activation: "Data | None" = None,
     recording: "Data | None" = None,
     compare: "Data | None" = None,
     mapping: "Mapping[str, Any] | File | None" = None,
@@ -40,7 +40,7 @@ def show(
     out : path-like, optional
         File to write in addition: a page (``*.html``), a picture (``*.png``, ``*.pdf``, ``*.svg``) or a
         movie (``*.gif``, ``*.mp4``).
-    activation : Dataset, optional
+    activation : Dataset or path-like, optional
         Activation (muscle, time) [1] that caused a trajectory, shown next to the face.
     recording : Dataset or path-like, optional
         Recording of a trajectory, whose lip markers are aligned with it, shown and scored.
@@ -72,18 +72,21 @@ def show(
     """
     import xarray as xr
 
-    from emgface.api.given import path_of
+    from emgface.api.given import dataset_of, path_of, target_or_none
     from emgface.pictures.show import kind, opened
 
+    target = target_or_none(out)
     if not isinstance(shown, xr.Dataset):
         path_of(shown, "something to show")
     named = os.fspath(mapping) if isinstance(mapping, os.PathLike) else mapping
     data, parts = opened(shown, named)
     further = _further(data, recording, compare, mapping, face, baseline)
+    if activation is not None:
+        activation = dataset_of(activation, "activation", "activation")
     _warn_of_others(data, activation, further.get("compared"))
     view = View(data, kind(data), activation, parts, further)
-    if out is not None:
-        view.save(out)
+    if target is not None:
+        view.save(target)
     return view
 
 
@@ -124,7 +127,7 @@ def _further(
     if recording is None and (idle := [name for name, x in alone.items() if x is not None]):
         raise ConfigurationError(
             f"{listed(idle)} of a trajectory has no effect without a recording, whose head the "
-            "face places: pass both, or leave it out"
+            "face places, expected both: pass both, or leave it out"
         )
     if recording is not None:
         from emgface.api.recordings import aligned_and_scored
@@ -212,12 +215,10 @@ class View:
         DataError
             The suffix is unknown, or the file cannot be written.
         """
-        from pathlib import Path
-
-        from emgface.files import write_text
+        from emgface.files import expressible, write_text
         from emgface.pictures.show import PAGES, draw
 
-        path = Path(path)
+        path = expressible(path)
         if path.suffix.lower() not in PAGES:
             if self._kind == "jaw_motion":
                 from emgface.pictures.stills import write_figure

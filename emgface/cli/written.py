@@ -20,6 +20,8 @@ WRITTEN_OPTIONS = {
 }
 """Option of every parameter that states what a command writes; other paths are read."""
 
+FOLDER_PARAMETERS = ("out_path", "waypoints")  #: parameters that may name a folder
+
 _DATA = ".nc .h5 .hdf5 .mat .npz .c3d .trc .edf .bdf .poly5 .xdf .vhdr .eeg".split()
 _TEXT_OR_PICTURE = set(_OWN) - {"cube", "log"}
 
@@ -59,6 +61,10 @@ def spare_inputs(values: Mapping[str, object]) -> None:
                     "expected different names: rename one of them"
                 )
             _require_suffix(name, option, path)
+            if name not in FOLDER_PARAMETERS and path.is_dir():
+                raise typer.BadParameter(
+                    f"{option} {path} is a folder, expected the name of a file to write: add the name"
+                )
 
 
 def _require_suffix(name: str, option: str, path: Path) -> None:

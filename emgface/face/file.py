@@ -7,7 +7,7 @@ import xarray as xr
 
 from emgface.errors import DataError, FaceError
 from emgface.face.validity import check_face
-from emgface.files import expressible, replace_file
+from emgface.files import existing_file, replace_file
 from emgface.schema.rules import one_line
 
 
@@ -32,12 +32,7 @@ def load_face(path: str | os.PathLike[str]) -> xr.Dataset:
 
     Raises FaceError if the file is absent, truncated or not netCDF, and errors of `check_face`.
     """
-    path = expressible(path)
-    if not path.is_file():
-        raise FaceError(
-            f"no face model at {path}: expected a netCDF file written by 'emgface build face' or "
-            "'emgface import face'"
-        )
+    path = existing_file(path, "a face of 'emgface build face' or 'emgface import face'", FaceError)
     try:
         with xr.open_dataset(path, engine="netcdf4") as opened:
             ds = opened.load()

@@ -125,10 +125,10 @@ def require_rest(settled: xr.Dataset, face: xr.Dataset, parameters: SimulationPa
 
     One that does not state its parameters, as of earlier versions, is compared by its face alone.
     """
-    if "node_position" not in settled:
+    if not isinstance(settled, xr.Dataset) or "node_position" not in settled:  # pyright: ignore[reportUnnecessaryIsInstance]
         raise FaceError(
-            f"a dataset with {', '.join(map(str, list(settled.data_vars)[:3]))} was passed as an "
-            "equilibrium, expected node_position: pass the result of `settle_face`, or omit it"
+            f"the equilibrium is of type {type(settled).__name__}, expected a Dataset with "
+            "node_position: pass the result of `settle_face`, or omit it"
         )
     require_face(settled.attrs, face, "equilibrium")
     text = settled.attrs.get(REST_ATTRIBUTE)

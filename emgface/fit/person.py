@@ -264,6 +264,11 @@ def scan_of(given: Given, unit: str | None, name: str, least: float = FACE[0]) -
         return given
     if isinstance(given, str | os.PathLike):
         return read_surface(given, unit=unit, least=least)
+    if not isinstance(given, tuple | list) or len(given) != 2:  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise FitError(
+            f"the surface {name!r} is of type {type(given).__name__}, expected points and triangles, "
+            "or the path of a surface: pass one of them"
+        )
     points, triangles = given
     return surface_of(points, triangles, unit=unit or "m", name=name, least=least)
 

@@ -17,7 +17,7 @@ import xarray as xr
 
 import emgface.recordings.readers
 from emgface.errors import ConfigurationError, DataError, EmgfaceError
-from emgface.files import expressible
+from emgface.files import existing_file
 from emgface.plugins import Plugin, plugins
 from emgface.recordings.fillers import without_fillers
 from emgface.recordings.labels import LabelMap, apply_labels, constant_value, read_label_map
@@ -124,10 +124,8 @@ def read_recording(
     absent, damaged, of unknown format, or does not fulfil the declaration (`SchemaError`,
     `UnitsError`), and ConfigurationError if the mapping or sidecar contains an unknown entry.
     """
-    path = expressible(path)
+    path = existing_file(path, "a recording")
     reader = readers().get(path.suffix.lower())
-    if not path.is_file():
-        raise DataError(absent(path))
     if reader is None:
         raise DataError(_unknown_format(path))
     labels = read_label_map(mapping).of_file(path)
@@ -205,16 +203,6 @@ def candidates(folder: str | Path) -> list[Path]:
     return sorted(
         (path for path in paths if not path.name.startswith(".")), key=lambda path: path.parts
     )
-
-
-def absent(path: Path) -> str:
-    """Return the message for a file that is not there."""
-    if path.is_symlink():
-        return (
-            f"{path} is a link to {os.readlink(path)}, which is not there; expected a recording: copy "
-            "the file to its place, or delete the link."
-        )
-    return f"No file {path}; expected a recording: check the path."
 
 
 def none_found(folder: str | Path) -> NoReturn:

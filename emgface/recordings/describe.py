@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from emgface.errors import DataError, EmgfaceError, UnitsError, listed
+from emgface.files import existing_file
 from emgface.recordings.counters import LEAST_COUNTER_SAMPLES, counter_of
 from emgface.recordings.dataset import read_recording
 from emgface.recordings.draft import Draft, toml_value
@@ -69,12 +70,10 @@ def describe(
     """
     from emgface.recordings.arrays import array_table  # importing parsers of arrays is slow
 
-    path = Path(path)
+    path = existing_file(path, "a table or array")
     unit = None if unit is None else spelling(unit)
     if unit not in (None, *DIVISORS["V"]):
         raise UnitsError(f"the unit of EMG is {unit!r}, expected one of {', '.join(DIVISORS['V'])}")
-    if not path.is_file():
-        raise DataError(f"No file {path}; expected a table or array: check the path.")
     suffix = path.suffix.lower()
     if suffix not in (*TABLE_SUFFIXES, *ARRAY_SUFFIXES):
         raise DataError(

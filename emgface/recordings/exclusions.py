@@ -8,6 +8,7 @@ from pydantic import field_validator
 
 from emgface.choices import Parameters, choice, configure, parameter
 from emgface.errors import ConfigurationError
+from emgface.files import existing_file
 from emgface.muscles import INSTRUCTIONS, LETTERS
 from emgface.texts import read_toml
 
@@ -78,11 +79,7 @@ def read_exclusions(path: Path) -> tuple[Exclusion, ...]:
     ``emgface check --exclude`` writes such a file. Raises ConfigurationError if the file is
     absent, is not TOML, or an entry is unknown or lacks its reason.
     """
-    if not path.is_file():
-        raise ConfigurationError(
-            f"{path} cannot be read (no such file), expected a file of exclusions: write one "
-            "with 'emgface check --exclude'"
-        )
+    existing_file(path, "exclusions, as 'emgface check --exclude' writes", ConfigurationError)
     exclusions = configure(_ExclusionFile, read_toml(path), where=path.name).exclude
     return check_exclusions(exclusions, where=path.name)
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from emgface.errors import DataError
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.files import existing_file
 from emgface.reduced.model import LOWER, UPPER, Floats, ReducedFace
 from emgface.reduced.trained import SAME_STEP
 from emgface.run.digest import dataset_digest
@@ -39,10 +39,7 @@ def reduced_face_of(face: xr.Dataset, parameters: SimulationParameters) -> Reduc
     """Reduced face of the file that the parameters name, read once; errors as `ReducedFace.for_face`."""
     path = parameters.reduced.file
     assert path is not None  # Callers check it.
-    if not path.is_file():
-        raise DataError(
-            f"No file {path}; expected a reduced face (emgface reduce): check the path."
-        )
+    existing_file(path, "a reduced face (emgface reduce)")
     changed = path.stat().st_mtime_ns
     kept = _loaded(path.resolve(), changed, dataset_digest(face), parameters.model_dump_json())
     if "face" not in kept:

@@ -10,21 +10,24 @@ import xarray as xr
 
 from emgface.errors import SchemaError, UnitsError, listed
 from emgface.schema.clocks import without_unit
-from emgface.schema.declaration import ArrayDeclaration
-from emgface.schema.validation import declaration
+from emgface.schema.declaration import ArrayDeclaration, ObjectDeclaration
+from emgface.schema.validation import declaration, kinds
 
 
 def usable(dataset: xr.Dataset, kind: str) -> xr.Dataset:
     """Return a dataset of a kind with arrays in memory and times in s; it is not changed.
 
     Dims may have any order; the result has the declared one. Variables of the kind that are absent, and
-    further ones, are allowed. Raises UnitsError if a variable has another unit than its declaration, or
-    none although it has a dimension, and SchemaError if it has other dims, contains dates instead of
-    seconds or complex numbers, or lacks the names of its axes.
+    further ones, are allowed; scalar coordinates that are not declared, which a selection leaves, are
+    omitted. Raises UnitsError if a variable has another unit than its declaration, or none although it
+    has a dimension, and SchemaError if the dataset is of another kind, or a variable has other dims,
+    contains dates instead of seconds or complex numbers, or lacks the names of its axes.
     """
+    require_kind(dataset, kind)
     declared = declaration(kind)
     arrays = declared.arrays()
-    result = dataset.copy().load()
+    selected = [name for name, one in dataset.coords.items() if not one.ndim and name not in arrays]
+    result = dataset.drop_vars(selected).copy().load()
     for name, array in arrays.items():
         if name not in result.variables:
             continue
@@ -71,6 +74,47 @@ def usable(dataset: xr.Dataset, kind: str) -> xr.Dataset:
             ordered = result[name].transpose(*array.dims, ..., missing_dims="ignore")
             result = result.assign({name: ordered})
     return result
+
+
+def kind_in_memory(dataset: xr.Dataset) -> str:
+    """Return the kind of which a dataset has all variables, of several the one with the most, or ""."""
+    complete = [kind for kind in kinds() if _is_complete(dataset, declaration(kind))]
+    return max(complete, key=lambda kind: len(_required(declaration(kind))), default="")
+
+
+def require_kind(dataset: xr.Dataset, kind: str) -> None:
+    """Raise SchemaError if a dataset is of another kind, or has no variable of this one."""
+    declared = declaration(kind)
+    if _is_complete(dataset, declared):
+        return
+    stated = str(dataset.attrs.get("schema", kind))
+    other = kind_in_memory(dataset) if stated == kind else stated
+    if other:
+        raise SchemaError(
+            f"the dataset is of the kind {other!r}, expected {kind!r}: pass the other dataset"
+        )
+    if not set(declared.variables) & set(dataset.variables):
+        raise SchemaError(
+            f"the dataset contains {listed(dataset.variables) or 'no variable'}, expected "
+            f"{listed(_required(declared) or declared.any_of)}, as of a dataset of the kind {kind!r}: "
+            "pass the result of the preceding stage"
+        )
+
+
+def _required(declared: ObjectDeclaration) -> list[str]:
+    return [name for name, array in declared.variables.items() if array.required]
+
+
+def _is_complete(dataset: xr.Dataset, declared: ObjectDeclaration) -> bool:
+    """Return True if all required variables are there, with their dims in any order."""
+
+    def fits(name: str) -> bool:
+        own = set(declared.variables[name].dims)
+        return name in dataset and set(dataset[name].dims) == own
+
+    required = _required(declared)
+    one_of = any(map(fits, declared.any_of))
+    return all(map(fits, required)) and (one_of if declared.any_of else bool(required))
 
 
 def _in_order(dataset: xr.Dataset, dim: str, names: tuple[str, ...], kind: str) -> xr.Dataset:

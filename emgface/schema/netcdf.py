@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import DataError
-from emgface.files import expressible, replace_file
+from emgface.files import existing_file, replace_file
 from emgface.schema.hdf5 import ROOM, ROOM_PER_BYTE, require_own_file
 from emgface.schema.validation import validate
 
@@ -112,8 +112,7 @@ def open_netcdf(path: Path) -> netCDF4.Dataset:
 
     Raises DataError if the file is absent, truncated or is not netCDF.
     """
-    if not expressible(path).is_file():
-        raise DataError(f"No file {path}; expected a netCDF file: check the path.")
+    existing_file(path, "a netCDF file")
     with path.open("rb") as stream:
         start = stream.read(8)
     if start != _HDF5 and not start.startswith(b"CDF"):

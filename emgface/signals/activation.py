@@ -282,6 +282,11 @@ def _extent_for(
             f"normalisation over the {reach} requires its minimum and maximum, found none: compute "
             f"them with feature_range and pass them as {reach}="
         )
+    if not isinstance(extent, xr.Dataset) or not {"minimum", "maximum"} <= set(extent):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ConfigurationError(
+            f"the range of the {reach} is of type {type(extent).__name__}, expected a Dataset with "
+            "minimum and maximum: compute it with feature_range"
+        )
     if extent.attrs.get("parameters") != feature_parameters(chain):
         raise ConfigurationError(
             f"range of the {reach} was computed with filter, feature or mapping parameters "

@@ -23,7 +23,7 @@ from emgface.errors import ConfigurationError, DataError, FaceError, listed
 from emgface.face.accuracy import SET_BY_ACCURACY
 from emgface.face.file import load_face
 from emgface.face.template import template_face
-from emgface.files import named_file
+from emgface.files import existing_file, named_file
 from emgface.recordings.exclusions import check_exclusions, read_exclusions
 from emgface.run.state import read_state
 from emgface.study.configuration import (
@@ -45,10 +45,7 @@ def load_study(path: Path) -> StudyConfiguration:
     Raises ConfigurationError if the file is missing or is not TOML, a parameter is unknown (with
     the nearest valid name) or a value is out of range.
     """
-    if not path.is_file():
-        raise ConfigurationError(
-            f"{path} cannot be read (no such file): write one with 'emgface study template'"
-        )
+    existing_file(path, "a study file, as 'emgface study template' writes", ConfigurationError)
     study = configure(StudyConfiguration, read_toml(path), where=path.name)
     base = path.resolve().parent
 

@@ -14,9 +14,10 @@ from typing import Final
 import xarray as xr
 
 from emgface.errors import DataError, EmgfaceError, FeatureWarning, listed
+from emgface.files import absence
 from emgface.muscles import INSTRUCTIONS
 from emgface.plugins import plugins
-from emgface.recordings.dataset import absent, candidates, none_found, read_recordings
+from emgface.recordings.dataset import candidates, none_found, read_recordings
 from emgface.recordings.exclusions import Exclusion, Place, reason_to_exclude
 from emgface.recordings.labels import read_label_map
 from emgface.recordings.trial_names import is_pattern
@@ -105,7 +106,7 @@ def take_in(
     taken: dict[Place, Recording] = {}
     # Links to absent files.
     unreadable: dict[Path, EmgfaceError] = {
-        path: DataError(absent(path)) for path in listed_files if not path.exists()
+        path: DataError(absence(path, "a recording")) for path in listed_files if not path.exists()
     }
     n_files = len(unreadable)
     for file in files:

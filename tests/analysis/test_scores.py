@@ -277,3 +277,14 @@ def test_unknown_forms() -> None:
         correlation_3d(curve(0), curve(1), form="printed")  # type: ignore[arg-type]
     with pytest.raises(TrajectoryError, match="'median', expected 'mean'"):
         rmse(curve(0), curve(1), reference="median")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("measure", [correlation_3d, amplitude_ratio, rmse])
+def test_what_overflows_or_has_no_axis_has_no_score(measure) -> None:
+    """The correlation with positions of 1e160 m was 0, and the distance without an axis was 0."""
+    v = curve(1)
+    beyond = v.copy(data=1e160 * v.values)
+    for pair in ((v, beyond), (beyond, v)):
+        assert np.isnan(measure(*pair))
+    with pytest.raises(TrajectoryError, match="no axis, expected at least one"):
+        measure(v.isel(axis=[]), v.isel(axis=[]))

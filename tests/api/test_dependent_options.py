@@ -15,6 +15,7 @@ from emgface.cli.written import WRITTEN_OPTIONS
 from emgface.errors import ConfigurationError
 from emgface.models.kinds import MODEL_KINDS, Drive, Person
 from tests.api.test_command_numbers import commands
+from tests.api.test_given_in_memory import made
 
 COMMANDS = {key_of(callback): callback for _, callback in commands(app)}
 NAMES = [
@@ -130,7 +131,7 @@ def test_a_face_has_no_contacts_of_a_head(contacts):
 )  # fmt: skip
 def test_a_true_activation_takes_no_parameters_of_the_signals(given):
     with pytest.raises(ConfigurationError, match=f"{next(iter(given))} has no effect"):
-        ef.activate(xr.Dataset(), strategy="true", **given)
+        ef.activate(made("recording"), strategy="true", **given)
 
 
 @pytest.mark.parametrize("name", ["recording", "compare", "face"])

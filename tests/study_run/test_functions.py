@@ -120,7 +120,7 @@ def test_errors_are_reported(file, laboratory, tmp_path, slab):
             ef.activate(file, **wrong)
     with pytest.raises(SchemaError, match="of type NoneType, expected something to show"):
         ef.show(None)
-    with pytest.raises(SchemaError, match="contains emg.*expected activation"):
+    with pytest.raises(SchemaError, match="kind 'recording', expected 'activation'"):
         ef.simulate(ef.read(file).drop_vars("true_activation"), slab)
     with pytest.raises(DataError, match="of kind 'recording', expected 'activation'"):
         ef.simulate(file, slab)

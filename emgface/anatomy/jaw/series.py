@@ -15,7 +15,7 @@ from scipy.interpolate import CubicHermiteSpline
 from emgface.anatomy.jaw.exciters import excited_activation
 from emgface.anatomy.jaw.model import Floats
 from emgface.errors import DataError, FeatureWarning, JawError
-from emgface.files import expressible
+from emgface.files import existing_file
 from emgface.schema.clocks import long_and_coarse, too_slow
 from emgface.schema.rules import one_line
 from emgface.schema.units import to_si
@@ -188,9 +188,7 @@ def read_excitation(path: str | os.PathLike[str]) -> Excitation:
     its times do not ascend or cannot be in seconds; warns (FeatureWarning) if it begins after time 0,
     or is so long and coarse that its times may be in milliseconds.
     """
-    path = expressible(path)
-    if not path.is_file():
-        raise JawError(f"No file {path}; expected a table or netCDF file: check the path.")
+    path = existing_file(path, "a table or netCDF file", JawError)
     try:
         if path.suffix == ".nc":
             with xr.open_dataset(path, engine="netcdf4", decode_times=False) as opened:

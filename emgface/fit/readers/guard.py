@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emgface.errors import FitError
+from emgface.files import existing_file
 
 Floats = NDArray[np.float64]
 
@@ -57,11 +58,9 @@ def digest_of_files(paths: Sequence[Path]) -> str:
 
 def content_of(path: str | os.PathLike[str], most: int) -> Content:
     """Read a file of at most this number of bytes; FitError if it is absent, empty or larger."""
-    path = Path(path)
+    path = existing_file(path, "landmarks or a surface", FitError)
     try:
         size = path.stat().st_size
-        if not path.is_file():
-            raise FitError(f"{path} is no file, expected one with landmarks or a surface")
         if size > most:
             raise FitError(
                 f"{path} has {size / 1e6:.0f} MB, expected at most {most / 1e6:.0f} MB: reduce the "

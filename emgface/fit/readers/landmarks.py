@@ -83,7 +83,7 @@ def landmarks_of(
     try:
         given_points = [[_real(v) for v in p] for p in table.values()]
         points = np.array(given_points, dtype=np.float64).reshape(-1, 3)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, AttributeError) as error:
         raise FitError(
             f"landmarks are not points of three numbers ({error}), expected {{name: (x, y, z)}}"
         ) from error

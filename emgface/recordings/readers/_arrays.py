@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from emgface.errors import DataError, listed
+from emgface.files import existing_file
 from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import (
     AbsentVariable,
@@ -66,9 +67,7 @@ def _value(
     path: Path, name: str, *, texts: bool = False, unit: str = "", counts: bool = False
 ) -> Any:
     """Parse the file in the child process by its content, irrespective of its suffix."""
-    if not path.is_file():
-        raise DataError(f"No file {path}; expected a MATLAB or HDF5 file: check its path.")
-    with path.open("rb") as stream:
+    with existing_file(path, "a MATLAB or HDF5 file").open("rb") as stream:
         start = stream.read(520)
     matlab = start.startswith(_MATLAB)
     try:

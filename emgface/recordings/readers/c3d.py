@@ -40,8 +40,6 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
 
 def _open(path: Path) -> dict[str, Any]:
     """Read the file, and refuse one with fewer frames than declared."""
-    if not path.is_file():
-        raise DataError(f"No file {path}; expected a C3D file: check the path.")
     check_structure(path)
     content = parsed(path, parse_c3d, path)
     # ezc3d reads a truncated file up to its end and adapts its counts without a warning.
