@@ -103,9 +103,9 @@ def read_text(path: Path, encoding: str = "utf-8", *, fallback: str | None = Non
     return decoded(read_bytes(path), encoding, fallback=fallback)
 
 
-def open_text(path: Path, encoding: str = "utf-8", *, fallback: str | None = None) -> io.StringIO:
+def open_text(path: Path, encoding: str = "utf-8") -> io.StringIO:
     """Return a stream of the text of `read_text`, with the line ends of the file."""
-    return io.StringIO(read_text(path, encoding, fallback=fallback), newline="")
+    return io.StringIO(read_text(path, encoding), newline="")
 
 
 def labelled(stream: io.StringIO, delimiter: str = ",") -> io.StringIO:

@@ -59,7 +59,7 @@ def treatments(model: xr.Dataset) -> list[Entry]:
             and all(
                 isinstance(step, dict) and {"step", "kind"} <= set(step) for step in entry["steps"]
             )
-            and isinstance(entry.get(APPLIED_TO, ""), str)
+            and isinstance(entry.get(APPLIED_TO), str)
             for entry in entries
         )
     except (AttributeError, TypeError, ValueError, RecursionError):
@@ -74,9 +74,8 @@ def treatments(model: xr.Dataset) -> list[Entry]:
 
 def told_treatment(entry: Entry) -> str:
     """Words of a treatment: its plan, and the model to which it was applied."""
-    plan, before = entry["plan"], str(entry.get(APPLIED_TO, ""))
-    model = f"the model with digest {before[:SHOWN_DIGITS]}" if before else "the model before it"
-    return f"the plan {str(plan.get('name', ''))!r}, applied to {model}"
+    name, before = str(entry["plan"].get("name", "")), entry[APPLIED_TO][:SHOWN_DIGITS]
+    return f"the plan {name!r}, applied to the model with digest {before}"
 
 
 def with_treatment(before: xr.Dataset, after: xr.Dataset, entry: Entry) -> xr.Dataset:
@@ -98,17 +97,14 @@ def treatments_between(before: xr.Dataset, after: xr.Dataset) -> list[Entry]:
     """
     here = dataset_digest(before)
     every = treatments(after)
-    # files of earlier versions state the digest of the first model only
-    applied = [
-        e.get(APPLIED_TO, "" if k else after.attrs.get(PARENT, "")) for k, e in enumerate(every)
-    ]
+    applied = [entry[APPLIED_TO] for entry in every]
     if here in applied:
         return every[applied.index(here) :]
     there = dataset_digest(after)
     if here == there:
         return []
     names = [repr(str(m.attrs.get("name", ""))) for m in (before, after)]
-    swapped = there in [e.get(APPLIED_TO) for e in treatments(before)]
+    swapped = there in [entry[APPLIED_TO] for entry in treatments(before)]
     raise DataError(
         f"{names[1]} ({there[:SHOWN_DIGITS]}) is not a treatment of {names[0]} "
         f"({here[:SHOWN_DIGITS]}), expected a model that 'emgface treat' has written from it"

@@ -19,9 +19,9 @@ class Kept:
     path: Path
 
     @classmethod
-    def for_result(cls, result: Path, name: str = "") -> "Kept":
+    def for_result(cls, result: Path) -> "Kept":
         """File of an unfinished result, hidden in its folder."""
-        return cls(result.with_name(f".{result.name}{name and '.'}{name}.unfinished.npz"))
+        return cls(result.with_name(f".{result.name}.unfinished.npz"))
 
     def read(self, inputs: str) -> Begun | None:
         """State that was kept for these inputs."""

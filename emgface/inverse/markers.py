@@ -10,7 +10,7 @@ from emgface.errors import MarkerError, UnitsError
 from emgface.face.measured import check_lips
 from emgface.muscles import LIP_MARKERS
 from emgface.recordings.head import LARGEST_RATIO, in_head_frame
-from emgface.signals.parameters import HeadFrameParameters, SignalChain
+from emgface.signals.parameters import HeadFrameParameters
 from emgface.signals.resampling import resample
 from sim.state import Array
 
@@ -99,18 +99,6 @@ def wanted_positions(
         scale * float(level if np.isfinite(level) else UNKNOWN_NOISE),
         float(np.sqrt(np.nanmean(moved[time <= REST_MEAN_DURATION] ** 2))),
     )
-
-
-def targets_of(
-    recording: xr.Dataset, face: xr.Dataset, settled: xr.Dataset, time: Array
-) -> xr.DataArray:
-    """Wanted positions (time, marker, axis) [m] of all lip markers at times of the recording [s].
-
-    They are those of `emgface.inverse.run.invert`, for the comparison with a forward simulation.
-    """
-    rest = settled["node_position"].values[marker_nodes(face)]
-    frame, since = SignalChain().head_frame, time - time[0]
-    return wanted_positions(recording, rest, face, frame, since, float(time[0])).position
 
 
 def marker_nodes(face: xr.Dataset) -> np.ndarray:

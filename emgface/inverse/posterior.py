@@ -11,6 +11,8 @@ from sim.state import Array
 CHAINS, DEFAULT_BURN = 64, 30  #: number of chains, and default of the sweeps before the first draw
 #: number of variables after which the gradients of all others are updated
 VARIABLES_PER_UPDATE = 20
+#: share of the prior deviation from which a direction counts as not determined by the motion [1]
+UNRESOLVED_SHARE = 0.7
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,8 @@ class Posterior:
         tails = [0.5 - 0.5 * level, 0.5 + 0.5 * level]
         return np.asarray(np.quantile(self.draws(n, seed), tails, axis=0), dtype=np.float64)
 
-    def unresolved(self, prior_sd: Array, share: float = 0.7) -> Array:
-        """Directions (k, n) that the motion leaves at more than `share` of their prior deviation.
+    def unresolved(self, prior_sd: Array) -> Array:
+        """Directions (k, n) that keep more than `UNRESOLVED_SHARE` of their prior deviation.
 
         They are the eigenvectors of the posterior covariance in units of the prior deviations, the
         least determined first.
@@ -85,7 +87,7 @@ class Posterior:
         spectrum = np.linalg.eigh(scaled)
         size = np.asarray(spectrum.eigenvalues, dtype=np.float64)
         vectors = np.asarray(spectrum.eigenvectors, dtype=np.float64)
-        chosen = vectors[:, size > share**2][:, ::-1]
+        chosen = vectors[:, size > UNRESOLVED_SHARE**2][:, ::-1]
         return (chosen * prior_sd[:, None]).T
 
 

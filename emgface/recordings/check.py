@@ -75,10 +75,9 @@ def check_recording(
     return pd.DataFrame(rows, columns=columns + last)
 
 
-def findings_of(recording: xr.Dataset, *, max_gap: float | None = None) -> list[Finding]:
+def findings_of(recording: xr.Dataset) -> list[Finding]:
     """Return all findings on a recording: those stored with it, and those of the check."""
-    limit = HeadFrameParameters().max_gap if max_gap is None else max_gap
-    return _examined(recording, limit)[1]
+    return _examined(recording, HeadFrameParameters().max_gap)[1]
 
 
 CHECKED_DIMS = ("channel", "marker")

@@ -8,7 +8,6 @@ import xarray as xr
 from emgface.errors import FaceError
 from emgface.face.identity import treatments_between
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.treatment.closure import Progress
 from emgface.treatment.plan import CUTS, Plan, applied_plan
 from emgface.treatment.treat import treat_face
 
@@ -32,11 +31,7 @@ def with_other_cut(plan: Plan) -> Plan:
 
 
 def other_cut(
-    intact: xr.Dataset,
-    treated: xr.Dataset,
-    parameters: SimulationParameters | None = None,
-    *,
-    progress: Progress | None = None,
+    intact: xr.Dataset, treated: xr.Dataset, parameters: SimulationParameters | None = None
 ) -> xr.Dataset:
     """Treat a face again by the plans of a treated one, with the other method of every cut.
 
@@ -46,7 +41,7 @@ def other_cut(
     face = intact
     for entry in treatments_between(intact, treated):
         plan = with_other_cut(applied_plan(entry))
-        face = treat_face(face, plan, parameters, progress=progress)
+        face = treat_face(face, plan, parameters)
     return face
 
 

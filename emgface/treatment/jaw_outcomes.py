@@ -29,21 +29,21 @@ Path = tuple[Floats, Floats]
 """Gape (n,) and displacement of the lower incisor to the right (n,), both in mm."""
 
 
-def opened_by_muscles(jaw: xr.Dataset, level: float = 1.0, without: str = "") -> Path:
-    """Path of a slow opening: the openers rise linearly to a level [1] within `OPENING_RISE`.
+def opened_by_muscles(jaw: xr.Dataset, without: str = "") -> Path:
+    """Path of a slow opening: the openers rise linearly to full activation within `OPENING_RISE`.
 
     `without` names an exciter that stays inactive, such as ``bi_ip``, the lateral pterygoids.
     """
-    drive = {name: [(0.0, 0.0), (OPENING_RISE, level)] for name in OPENERS if name != without}
+    drive = {name: [(0.0, 0.0), (OPENING_RISE, 1.0)] for name in OPENERS if name != without}
     motion = run_task(jaw, JawTask("slow opening", OPENING_RISE, drive), check=False)
     return separation(motion), point_displacement(motion, "lower_incisor")[:, 0]
 
 
-def opened_by_load(jaw: xr.Dataset, widest: float = max(GAPES)) -> Path:
+def opened_by_load(jaw: xr.Dataset) -> Path:
     """Path of an opening by downward loads on the incisor, with the closers active as at rest.
 
-    Every load of `LOADS` is held until the jaw comes to rest; larger ones than those for the gape
-    `widest` [mm] are left out.
+    Every load of `LOADS` is held until the jaw comes to rest; larger ones than those for the
+    widest of `GAPES` are left out.
     """
     rest = JAW_TASKS["rest"]
     gape, right = list[float](), list[float]()
@@ -51,7 +51,7 @@ def opened_by_load(jaw: xr.Dataset, widest: float = max(GAPES)) -> Path:
         motion = run_task(jaw, replace(rest, load=(0.0, 0.0, -load)), check=False)
         gape.append(float(separation(motion)[-1]))
         right.append(float(point_displacement(motion, "lower_incisor")[-1, 0]))
-        if gape[-1] > widest:
+        if gape[-1] > max(GAPES):
             break
     return np.array(gape), np.array(right)
 

@@ -284,20 +284,3 @@ def write_curves(curves: Curves, path: Path) -> Path:
     table = pd.DataFrame(rows, columns=["muscle", "time", "value", "interpolation", "duration"])
     write_text(path, table.to_csv(index=False))
     return path
-
-
-def write_probes(curves: Curves, folder: Path) -> Path:
-    """Write curves as probe files, one for each muscle, into a new or empty folder."""
-    from emgface.muscles import MUSCLES
-
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, knots in curves.knots.items():
-        if name not in MUSCLES:
-            raise DataError(
-                f"{name[:60]!r} is not a muscle of the face, expected a name such as ZYG_L"
-            )
-        stop = round(curves.duration * NANOSECONDS)
-        lines = [f"0 {stop} 1.0", f"{curves.interpolation.title()} 1 explicit"]
-        lines += [f"{float(t)!r} {float(v)!r}" for t, v in knots]
-        write_text(folder / f"{name}{PROBE}", "\n".join(lines) + "\n")
-    return folder

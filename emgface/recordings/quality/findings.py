@@ -160,13 +160,6 @@ def _marker(name: str, row: Mapping[str, float]) -> list[Finding]:
     return result
 
 
-def _coinciding(table: pd.DataFrame) -> list[Finding]:
-    return [
-        Finding("coincides", "marker", str(first), {"other": str(second), "frames": n, "at": at})
-        for first, second, n, at in table.itertuples(index=False)
-    ]
-
-
 def _exchanged(table: pd.DataFrame) -> list[Finding]:
     result: list[Finding] = []
     for first, second, time, ratio in table.itertuples(index=False):

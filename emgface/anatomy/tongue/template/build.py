@@ -82,14 +82,9 @@ def template_tongue(
     )
 
 
-def template_palate(
-    *,
-    measures: Mapping[str, float] | None = None,
-    preset: str = "adult",
-    seed: int | None = None,
-) -> Arch:
+def template_palate(*, preset: str = "adult", seed: int | None = None) -> Arch:
     """Closed body of the palate of a person, as `template_tongue`."""
-    return palate(*person(measures, preset, seed))
+    return palate(*person(None, preset, seed))
 
 
 def person(
