@@ -63,6 +63,14 @@ def solid_system(mesh, law=None, bulk=None, muscles=None, **scene) -> sim.System
     return sim.compile_scene(sim.Scene(mesh, (solid, *more), **scene))
 
 
+def fixed_block(mesh, active, law=None, **scene) -> sim.System:
+    """Tissue that is fixed at its lower side, with two muscles of a law in every element."""
+    base = sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0))
+    return solid_system(
+        mesh, law, muscles=crossed_muscles(mesh, active), reductions=(base,), **scene
+    )
+
+
 def dense(system: sim.System, values: np.ndarray) -> np.ndarray:
     """Full matrix over the free unknowns from the values of the upper triangle."""
     p = system.pattern

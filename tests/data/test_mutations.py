@@ -1,7 +1,6 @@
 """Damaged files: a typed error or a valid recording, in bounded time."""
 
 import gzip
-import random
 import shutil
 import time
 import warnings
@@ -16,6 +15,7 @@ import xarray as xr
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from benchmarks.mutants import mutant
 from emgface.errors import EmgfaceError
 from emgface.recordings.bids import write_bids
 from emgface.recordings.dataset import read_recording, write_recording
@@ -167,33 +167,6 @@ FORMATS: dict[str, Callable[[Path], tuple[Path, Path]]] = {
 }
 
 
-def mutated(whole: bytes, rng: random.Random) -> bytes:
-    """Damage a file in one of seven typical ways."""
-    kind = rng.randrange(7)
-    data = bytearray(whole)
-    early = rng.randrange(min(len(data), 1024))  # headers lie at the beginning
-    anywhere = rng.randrange(len(data))
-    if kind == 0:
-        return bytes(data[:anywhere])
-    if kind == 1:
-        for _ in range(rng.randrange(1, 8)):
-            at = rng.choice([early, anywhere, rng.randrange(len(data))])
-            data[at] ^= 1 << rng.randrange(8)
-    elif kind == 2:  # huge or negative counts
-        size = rng.choice([2, 4, 8])
-        data[early : early + size] = rng.choice([b"\xff", b"\x7f", b"\x00", b"9"]) * size
-    elif kind == 3:  # bytes that are not UTF-8
-        data[early:early] = bytes(rng.randrange(128, 256) for _ in range(4))
-    elif kind == 4:  # bytes from another place
-        other = rng.randrange(len(data))
-        data[early : early + 32] = data[other : other + 32]
-    elif kind == 5:
-        del data[early : early + rng.randrange(1, 64)]
-    else:
-        data += bytes(rng.randrange(256) for _ in range(rng.randrange(1, 600)))
-    return bytes(data)
-
-
 def attempt(path: Path) -> str:
     """Read a file; return ok or the name of the error; fail on an untyped error."""
     began = time.process_time()
@@ -219,45 +192,16 @@ def test_damage_gives_a_typed_error(name: str, tmp_path: Path) -> None:
     count = 40
     path, target = FORMATS[name](tmp_path)
     assert attempt(path) == "ok"
-    whole, rng = target.read_bytes(), random.Random(name)
+    whole = target.read_bytes()
     outcomes: dict[str, int] = {}
-    for _ in range(count):
-        target.write_bytes(mutated(whole, rng))
+    for k in range(count):
+        target.write_bytes(mutant(whole, f"{name} {k}")[2])
         outcome = attempt(path)
         outcomes[outcome] = outcomes.get(outcome, 0) + 1
     # Flipped samples are valid ones; truncations and damaged headers are not.
     assert outcomes.get("ok", 0) < 0.7 * count, outcomes
     target.write_bytes(b"")
     assert attempt(path) != "ok"
-
-
-@pytest.fixture(scope="module")
-def whole_files(tmp_path_factory) -> Callable[[str], tuple[Path, Path, bytes]]:
-    """Return a valid file of every format: path to open, file to damage, and its content."""
-    files = {}
-    for name, make in FORMATS.items():
-        path, target = make(tmp_path_factory.mktemp("whole"))
-        files[name] = path, target, target.read_bytes()
-    return lambda name: files[name]
-
-
-@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
-@given(
-    name=st.sampled_from(sorted(FORMATS)),
-    start=st.floats(0.0, 1.0),
-    removed=st.integers(0, 64),
-    put=st.binary(max_size=64),
-)
-def test_any_change_of_a_file_gives_a_recording_or_a_typed_error(
-    name: str, start: float, removed: int, put: bytes, whole_files
-) -> None:
-    path, target, whole = whole_files(name)
-    at = int(start * len(whole))
-    target.write_bytes(whole[:at] + put + whole[at + removed :])
-    try:
-        attempt(path)
-    finally:
-        target.write_bytes(whole)
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))

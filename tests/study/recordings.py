@@ -11,6 +11,16 @@ RATE = 2048.0
 DURATION = 2.5
 
 
+def signal_of(values, rate=RATE) -> xr.DataArray:
+    """Channels of given values, (channels, samples) or (samples,) [V]."""
+    values = np.atleast_2d(np.asarray(values, dtype=float))
+    coords = {
+        "channel": [f"M{k}" for k in range(values.shape[0])],
+        "time_emg": np.arange(values.shape[1]) / rate,
+    }
+    return xr.DataArray(values, coords, ("channel", "time_emg"), attrs={"units": "V"})
+
+
 def recording_of(seed=0, *, gain=1.0, duration=DURATION, **attrs) -> xr.Dataset:
     """Noise with a varying amplitude, later and larger in each further channel."""
     rng = np.random.default_rng(seed)

@@ -19,19 +19,7 @@ from emgface.signals.features import (
 )
 from emgface.signals.parameters import FeatureParameters
 from emgface.signals.running import running_sum, running_willison
-
-RATE = 2048.0
-
-
-def signal_of(values, rate=RATE, names=None) -> xr.DataArray:
-    values = np.atleast_2d(np.asarray(values, dtype=float))
-    names = names or [f"M{k}" for k in range(values.shape[0])]
-    return xr.DataArray(
-        values,
-        dims=("channel", "time_emg"),
-        coords={"channel": names, "time_emg": np.arange(values.shape[1]) / rate},
-        attrs={"units": "V"},
-    )
+from tests.study.recordings import RATE, signal_of
 
 
 def willison_by_definition(s, n_window, limit, inclusive=True) -> np.ndarray:

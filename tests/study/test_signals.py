@@ -15,19 +15,7 @@ from emgface.signals.filters import (
     sampling_rate,
 )
 from emgface.signals.parameters import FilterParameters
-
-RATE = 2048.0
-
-
-def signal_of(values, rate=RATE, start=0.0) -> xr.DataArray:
-    values = np.atleast_2d(np.asarray(values, dtype=float))
-    time = start + np.arange(values.shape[1]) / rate
-    return xr.DataArray(
-        values,
-        dims=("channel", "time_emg"),
-        coords={"channel": [f"M{k}" for k in range(values.shape[0])], "time_emg": time},
-        attrs={"units": "V"},
-    )
+from tests.study.recordings import RATE, signal_of
 
 
 def measured_gain(frequency, parameters) -> float:

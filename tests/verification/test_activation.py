@@ -10,7 +10,7 @@ from sim.activation import Driven
 from sim.integrators import INTEGRATORS
 from sim.integrators.sdirk2 import GAMMA
 from sim.integrators.stage import Converged
-from tests.bodies import crossed_muscles, grid, solid_system
+from tests.bodies import fixed_block, grid
 
 H = 0.01
 SDIRK2 = (GAMMA, 1.0), (1.0 - GAMMA, GAMMA)
@@ -20,12 +20,7 @@ KUTTA = (0.0, 0.5, 1.0), (1 / 6, 4 / 6, 1 / 6)
 
 def block(damping=0.03):
     mesh = grid((2, 2, 2), wedges=(1,))
-    return solid_system(
-        mesh,
-        muscles=crossed_muscles(mesh, sim.Blemker(20e3)),
-        reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
-        damping=sim.RestRayleigh(19.0, damping),
-    )
+    return fixed_block(mesh, sim.Blemker(20e3), damping=sim.RestRayleigh(19.0, damping))
 
 
 SYSTEM = block()

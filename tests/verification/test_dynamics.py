@@ -6,7 +6,7 @@ import pytest
 import sim
 from sim.integrators import INTEGRATORS
 from sim.integrators.stage import Converged
-from tests.bodies import crossed_muscles, dense, free_components, grid, solid_system
+from tests.bodies import crossed_muscles, dense, fixed_block, free_components, grid, solid_system
 
 G = np.array([0.0, 0.0, -9.8])
 
@@ -61,29 +61,14 @@ def test_momentum_of_a_free_body_is_conserved(integrator):
 
 
 def contracting_block():
-    mesh = grid((2, 2, 2), wedges=(1,))
-    base = np.flatnonzero(mesh.X[:, 2] == 0.0)
-    return solid_system(
-        mesh,
-        muscles=crossed_muscles(mesh, sim.Blemker(20e3)),
-        terms=(sim.Gravity(),),
-        reductions=(sim.Fixed(base),),
-        damping=sim.Rayleigh(19.0, 0.02),
-    )
+    mesh, damping = grid((2, 2, 2), wedges=(1,)), sim.Rayleigh(19.0, 0.02)
+    return fixed_block(mesh, sim.Blemker(20e3), terms=(sim.Gravity(),), damping=damping)
 
 
 def smooth_block(damping):
     """A block whose forces are smooth functions of positions and time."""
-    mesh = grid((2, 2, 2), wedges=(1,))
-    base = np.flatnonzero(mesh.X[:, 2] == 0.0)
-    return solid_system(
-        mesh,
-        sim.NeoHooke(2500.0),
-        muscles=crossed_muscles(mesh, sim.Constant(5e3)),
-        terms=(sim.Gravity(),),
-        reductions=(sim.Fixed(base),),
-        damping=damping,
-    )
+    mesh, law = grid((2, 2, 2), wedges=(1,)), sim.NeoHooke(2500.0)
+    return fixed_block(mesh, sim.Constant(5e3), law, terms=(sim.Gravity(),), damping=damping)
 
 
 def measured_order(integrator, damping, duration, steps, activation=None):

@@ -10,7 +10,7 @@ import pytest
 import sim
 from sim.integrators.stage import Converged
 from sim.steps import Motion
-from tests.bodies import crossed_muscles, grid, solid_system
+from tests.bodies import fixed_block, grid
 from tests.contact.scenes import box
 
 DURATION, H = 0.2, 0.01
@@ -28,13 +28,8 @@ def block(wall=None):
     if wall is not None:
         faced = box([wall, -0.1, -0.1], [wall + 0.1, 0.1, 0.1])
         contact = (sim.ConstraintContact((sim.Pairing(sim.boundary_surface(mesh), faced),)),)
-    return solid_system(
-        mesh,
-        muscles=crossed_muscles(mesh, sim.Blemker(30e3)),
-        terms=(sim.Gravity(), *contact),
-        reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
-        damping=sim.RestRayleigh(19.0, 0.03),
-    )
+    terms, damping = (sim.Gravity(), *contact), sim.RestRayleigh(19.0, 0.03)
+    return fixed_block(mesh, sim.Blemker(30e3), terms=terms, damping=damping)
 
 
 def drive(name):
@@ -119,14 +114,8 @@ ESTIMATING = (sim.LinearlyImplicitEuler, sim.ConvergedEuler, sim.Sdirk2)
 @pytest.mark.parametrize("cls", ESTIMATING)
 def test_estimated_errors_fall_with_the_order_of_the_method_and_have_the_right_size(cls):
     """One step from a smooth motion: estimate against the error of the step itself."""
-    mesh = grid((2, 2, 2))
-    system = solid_system(
-        mesh,
-        sim.NeoHooke(2500.0),
-        muscles=crossed_muscles(mesh, sim.Constant(5e3)),
-        reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
-        damping=sim.RestRayleigh(19.0, 0.03),
-    )
+    law, damping = sim.NeoHooke(2500.0), sim.RestRayleigh(19.0, 0.03)
+    system = fixed_block(grid((2, 2, 2)), sim.Constant(5e3), law, damping=damping)
     control = system.control(np.array([0.3, 0.1]))
     tight = {"tolerance": 1e-13, "residual_tolerance": 1e-11}
     moving = sim.simulate(

@@ -8,7 +8,7 @@ import pytest
 
 import sim
 from sim.outputs import between, intervals
-from tests.bodies import crossed_muscles, grid, solid_system
+from tests.bodies import fixed_block, grid
 
 TIGHT = {"tolerance": 1e-10, "residual_tolerance": 1e-8}
 DURATION = 0.08
@@ -16,14 +16,8 @@ DURATION = 0.08
 
 @pytest.fixture(scope="module")
 def block():
-    mesh = grid((2, 2, 2))
-    return solid_system(
-        mesh,
-        sim.NeoHooke(2500.0),
-        muscles=crossed_muscles(mesh, sim.Constant(5e3)),
-        reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
-        damping=sim.RestRayleigh(19.0, 0.01),
-    )
+    law, damping = sim.NeoHooke(2500.0), sim.RestRayleigh(19.0, 0.01)
+    return fixed_block(grid((2, 2, 2)), sim.Constant(5e3), law, damping=damping)
 
 
 def motion(system, steps, every=None, duration=DURATION, integrator=None):
@@ -110,13 +104,7 @@ INVERTING = {"Trapezoidal": 5e4, "Sdirk2": 3e5, "ConvergedEuler": 3e5}
 
 def jerked(sigma_max, integrator, steps, probes, every=0.005):
     """A block whose muscles are fully active after 20 ms, and its motion."""
-    mesh = grid((2, 2, 2))
-    system = solid_system(
-        mesh,
-        sim.NeoHooke(2500.0),
-        muscles=crossed_muscles(mesh, sim.Constant(sigma_max)),
-        reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
-    )
+    system = fixed_block(grid((2, 2, 2)), sim.Constant(sigma_max), sim.NeoHooke(2500.0))
     rise = sim.Activation(np.array([0.0, 0.02]), np.array([[0.0, 0.0], [1.0, 1.0]]))
     simulated, _ = sim.simulate(
         system,
@@ -197,14 +185,9 @@ def test_probes_record_the_stored_state(block, kind, control, h, every):
 
 def test_constraints_hold_in_every_output():
     """Volumes of elements are constant also at outputs within the requested steps."""
-    mesh = grid((2, 2, 2))
-    system = solid_system(
-        mesh,
-        muscles=crossed_muscles(mesh, sim.Constant(1e4)),
-        reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
-        damping=sim.RestRayleigh(19.0, 0.01),
-        constraints=(sim.HardElementVolume(),),
-    )
+    mesh, damping = grid((2, 2, 2)), sim.RestRayleigh(19.0, 0.01)
+    constant = (sim.HardElementVolume(),)
+    system = fixed_block(mesh, sim.Constant(1e4), damping=damping, constraints=constant)
     trajectory = motion(system, sim.FixedStep(0.02), 0.005, integrator=sim.Sdirk2(tolerance=1e-9))
     assert trajectory.attrs["step_s"] == 0.005
     written = trajectory["node_position"].transpose("time", "node", "axis").values

@@ -9,7 +9,7 @@ from scipy.integrate import quad
 
 import sim
 from sim.integrators import INTEGRATORS
-from tests.bodies import crossed_muscles, dense, grid, solid_system
+from tests.bodies import crossed_muscles, dense, fixed_block, grid, solid_system
 
 PRONY = sim.Prony((0.3, 0.25), (0.05, 0.8))
 NONE = np.zeros(0)
@@ -153,15 +153,9 @@ def test_creep_under_a_constant_load():
 
 
 def driven(alpha=19.0, beta=0.02, gravity=9.8, **more):
-    mesh = grid((2, 2, 2), wedges=(1,))
-    return solid_system(
-        mesh,
-        muscles=crossed_muscles(mesh, sim.Blemker(30e3)),
-        terms=(sim.Gravity((0.0, 0.0, -gravity)),),
-        reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
-        damping=sim.RestRayleigh(alpha, beta),
-        **more,
-    )
+    mesh, terms = grid((2, 2, 2), wedges=(1,)), (sim.Gravity((0.0, 0.0, -gravity)),)
+    damping = sim.RestRayleigh(alpha, beta)
+    return fixed_block(mesh, sim.Blemker(30e3), terms=terms, damping=damping, **more)
 
 
 def test_forces_and_tangents_during_a_step_have_a_potential():

@@ -8,17 +8,12 @@ from sim.linear import LINEAR_SOLVERS, NotPositiveDefinite, linear_solver, pardi
 from sim.linear.contract import Matrix
 from sim.steps import Motion
 from sim.threads import set_thread_count, thread_count
-from tests.bodies import crossed_muscles, dense, grid, solid_system
+from tests.bodies import crossed_muscles, dense, fixed_block, grid, solid_system
 
 
 def strong_block(sigma_max=300e3):
     mesh = grid((3, 2, 2), (0.03, 0.02, 0.02), wedges=(4,))
-    return solid_system(
-        mesh,
-        muscles=crossed_muscles(mesh, sim.Blemker(sigma_max)),
-        reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
-        damping=sim.RestRayleigh(),
-    )
+    return fixed_block(mesh, sim.Blemker(sigma_max), damping=sim.RestRayleigh())
 
 
 def full_at_once(system):

@@ -5,18 +5,12 @@ import pytest
 
 import sim
 from benchmarks.locking import PARTS, beam, cook
-from tests.bodies import crossed_muscles, free_components, grid, solid_system
+from tests.bodies import crossed_muscles, fixed_block, free_components, grid, solid_system
 
 
 def muscle_block(sigma_max=30e3):
-    mesh = grid((2, 2, 2), wedges=(1,))
-    return solid_system(
-        mesh,
-        muscles=crossed_muscles(mesh, sim.Blemker(sigma_max)),
-        terms=(sim.Gravity(),),
-        reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
-        damping=sim.RestRayleigh(19.0, 0.02),
-    )
+    mesh, damping = grid((2, 2, 2), wedges=(1,)), sim.RestRayleigh(19.0, 0.02)
+    return fixed_block(mesh, sim.Blemker(sigma_max), terms=(sim.Gravity(),), damping=damping)
 
 
 def ramp(system, peak):
