@@ -66,7 +66,7 @@ def check_recording(
         else:
             rows.append(judged(row, own))
     rows += _lost(rows, all_findings)
-    rows += _of_nothing(rows, all_findings, first)
+    rows += _of_nothing(all_findings, first)
     if study:
         rows += _absent(rows)
     columns = list(dict.fromkeys(key for row in rows for key in row))
@@ -126,31 +126,24 @@ def _judgeable(row: dict[str, object], kind: str) -> bool:
 
 
 def _lost(rows: list[dict[str, object]], all_findings: list[Finding]) -> list[dict[str, object]]:
-    """Rows of the channels that the file marks as bad, which are no longer in the recording."""
+    """Rows of the signals that reading left out, such as those marked as bad, by their findings."""
     present = {(row["kind"], row["name"]) for row in rows}
-    bad = {(f.kind, f.name): f for f in all_findings if f.code == "bad" and f.name}
+    absent = {(f.kind, f.name): f for f in all_findings if f.name and f.kind in CHECKED_DIMS}
     return [
         judged(
             _nothing(name, kind, "V" if kind == "channel" else "m") | {"signal": "EMG"},
             [f for f in all_findings if (f.kind, f.name) == (kind, name)],
         )
-        for kind, name in bad
+        for kind, name in absent
         if (kind, name) not in present
     ]
 
 
-def _of_nothing(
-    rows: list[dict[str, object]], all_findings: list[Finding], first: dict[str, object]
-) -> list[dict[str, object]]:
-    """Row of the findings on the whole recording, or on signals that it lacks, if no other has them."""
-    present = {(row["kind"], row["name"]) for row in rows}
+def _of_nothing(all_findings: list[Finding], first: dict[str, object]) -> list[dict[str, object]]:
+    """Row of the findings on the whole recording, or on what is no signal, if no other has them."""
     whole = [kind for kind in CHECKED_DIMS if first[kind] is not None]
     stated = {*whole, "recording"} if whole else set[str]()
-    left = [
-        f
-        for f in all_findings
-        if ((f.kind, f.name) not in present if f.name else f.kind not in stated)
-    ]
+    left = [f for f in all_findings if f.kind not in (CHECKED_DIMS if f.name else stated)]
     if not left:
         return []
     return [judged(_nothing("", "recording", "") | {"signal": ""}, left)]

@@ -28,6 +28,7 @@ from emgface.recordings.readers._build import unique_labels
 from emgface.recordings.readers._table_models import EmgTable
 from emgface.recordings.readers._tables import load_table
 from emgface.recordings.readers.text_exports import export_of, left_out, part_of
+from emgface.recordings.stamps import TIME_LABELS
 from emgface.recordings.timebase import of_stamps
 from emgface.schema.units import DIVISORS, spelling
 
@@ -41,9 +42,6 @@ AXIS_ENDINGS: Final = (
     (".x", ".y", ".z"),
     (" x", " y", " z"),
     (":x", ":y", ":z"),
-)
-_TIME: Final = re.compile(
-    r"(time|t|zeit|tijd|temps|timestamps?|sec|seconds|elapsed)\b.*", re.IGNORECASE
 )
 _COORDINATE: Final = re.compile(r"[_.: ][xyzXYZ]$")
 _INDEX: Final = re.compile(r"(sample|samples|index|frame|nr|no|#|n)\b.*", re.IGNORECASE)
@@ -226,7 +224,7 @@ def _clock(
     counting: list[str] = []
     for name in frame.columns:
         values = frame[name].to_numpy()
-        counter = None if _TIME.fullmatch(name) else counter_of(values, LEAST_COUNTER_SAMPLES)
+        counter = None if TIME_LABELS.fullmatch(name) else counter_of(values, LEAST_COUNTER_SAMPLES)
         if counter is not None and counter.modulus > 0:
             counting.append(name)
             draft.lines.append(f"# The column {toml_value(name)} is a counter and is left out.")
@@ -234,7 +232,7 @@ def _clock(
         step = np.diff(values)
         mean = float(step.mean()) if step.size else 0.0
         if len(values) < 3 or not (step > 0).all() or np.ptp(step) > 0.2 * mean:
-            if not _TIME.fullmatch(name):
+            if not TIME_LABELS.fullmatch(name):
                 continue
             counting.append(name)
             try:
@@ -247,10 +245,12 @@ def _clock(
                 draft.lines.append(f"# {error}".replace("\n", " "))
                 continue
             counting.pop()
-        if _INDEX.fullmatch(name) or (mean == 1.0 and not _TIME.fullmatch(name)):
+        if _INDEX.fullmatch(name) or (mean == 1.0 and not TIME_LABELS.fullmatch(name)):
             counting.append(name)
             continue
-        if not (_TIME.fullmatch(name) or (name == frame.columns[0] and name.startswith("column "))):
+        if not (
+            TIME_LABELS.fullmatch(name) or (name == frame.columns[0] and name.startswith("column "))
+        ):
             continue
         stated = units[name] if units[name] in DIVISORS["s"] else ""
         divisors = (
@@ -269,8 +269,9 @@ def _clock(
             draft.put("rate", float(f"{hertz:.6g}"), f"Hz; {name} seems to be in minutes",
                       table="emg", sure=False)  # fmt: skip
             return [*counting, name], hertz
-        draft.put("time", name, "the first column ascends evenly" if not _TIME.fullmatch(name) else "",
-                  table="emg", sure=bool(_TIME.fullmatch(name)))  # fmt: skip
+        known = TIME_LABELS.fullmatch(name) is not None
+        why = "" if known else "the first column ascends evenly"
+        draft.put("time", name, why, table="emg", sure=known)
         draft.put("time_unit", unit, f"{hertz:.6g} Hz" + ("" if stated else " in this unit"),
                   table="emg", sure=bool(stated) or len(fits) == 1 and unit == "s")  # fmt: skip
         return [*counting, name], hertz

@@ -15,6 +15,7 @@ BEFORE: Final = 20  #: lines before the last that it is compared with
 _NUMBER: Final = re.compile(r"[+-]?(?=[.,\d]|$)(\d*)(?:[.,](\d*))?(?:[eE]([+-]?\d*))?", re.ASCII)
 
 
+_BLANK: Final = re.compile(r"\r?\n(?:[ \t;,]*\r?\n)+(?=[^\r\n])")
 SEARCHED: Final = 2000  #: pairs of lines in which successive values are compared
 #: most lines that are taken for written twice; more are values that stay the same
 REPEATED: Final = 2
@@ -22,8 +23,26 @@ LEAST_CHANGING_COLUMNS: Final = 2  #: columns whose successive values must diffe
 
 
 def doubtful_lines(text: str, delimiter: str) -> list[Finding]:
-    """Findings on the lines of a table: its last one cut, or one written twice."""
-    return [*cut_line(text, delimiter), *repeated_line(text, delimiter)]
+    """Findings on the lines of a table: its last one cut, one written twice, or empty ones within."""
+    return [
+        *cut_line(text, delimiter),
+        *repeated_line(text, delimiter),
+        *blank_lines(text, delimiter),
+    ]
+
+
+def blank_lines(text: str, delimiter: str) -> list[Finding]:
+    """Return a finding on the first empty lines that are within a table of numbers."""
+    for gap in _BLANK.finditer(text):
+        around = (text[: gap.start()].rpartition("\n")[2], text[gap.end() :].partition("\n")[0])
+        cells = [[cell.strip().strip('"') for cell in line.split(delimiter)] for line in around]
+        if len(cells[0]) == len(cells[1]) and all(
+            any(row) and all(_NUMBER.fullmatch(cell) for cell in row) for row in cells
+        ):
+            first = text.count("\n", 0, gap.start()) + 2
+            values = {"first": first, "last": first + gap[0].count("\n") - 2}
+            return [Finding("blank_line", values=values)]
+    return []
 
 
 def repeated_line(text: str, delimiter: str) -> list[Finding]:

@@ -18,6 +18,8 @@ FILLER_CHANCE: Final = 1e-6
 FINE_STEPS: Final = 3.0
 """Usual step over the resolution above which repeated values are not due to the resolution."""
 FILLER_DISTANCE: Final = 5.0  #: distance of a constant from all other values, over their range
+MOST_FILLER_CODES: Final = 3  #: most values that stand for samples that were not measured
+LEAST_MEASURED: Final = 0.05  #: least part of the samples that is measured
 FAR_MARKER: Final = 0.5  #: distance of a constant from all other positions [m]
 #: distance of a marker from the origin next to zeros, in usual large steps
 ORIGIN_JUMP: Final = 5.0
@@ -176,30 +178,45 @@ def _infinite(values: np.ndarray) -> Iterator[Filler]:
 
 
 def _far(values: np.ndarray, ratio: float, least: float) -> Filler | None:
-    """Find one repeated value that is far from all others (axes, samples).
+    """Find up to `MOST_FILLER_CODES` repeated values that are far from all others (axes, samples).
 
-    Its distance from the others exceeds `ratio` times their range and `least`. A saturated signal
-    approaches its limit, so that other values are near it.
+    Their distance from the others exceeds `ratio` times the range of these and `least`. A saturated
+    signal approaches its limit, so that other values are near it.
     """
     finite = np.asarray(np.isfinite(values).all(axis=0))
     points = values[:, finite]
-    if points.shape[1] < LEAST_FILLER_SAMPLES:
-        return None
-    middle = np.median(points, axis=1, keepdims=True)
-    away = np.abs(points - middle).max(axis=0)
-    candidate = points[:, int(np.argmax(away))]
-    same = np.asarray((points == candidate[:, None]).all(axis=0))
-    number, others = int(same.sum()), points[:, ~same]
-    coded = candidate.size > 1 and np.ptp(candidate) == 0.0  # 9999 for every axis
-    if others.shape[1] < 0.5 * points.shape[1] or (number < 2 and not coded):
-        return None
-    extent = float(np.ptp(others, axis=1).max())
-    nearest = float(np.abs(others - candidate[:, None]).max(axis=0).min())
-    if extent == 0.0 or not nearest > max(ratio * extent, least):
-        return None
-    mask = np.zeros(values.shape[1], dtype=bool)
-    mask[np.flatnonzero(finite)[same]] = True
-    return Filler(mask, f"the constant {float(candidate[0]):.6g}")
+    rest = np.ones(points.shape[1], dtype=bool)
+    codes: list[np.ndarray] = []
+    while (
+        rest.sum() > max(LEAST_FILLER_SAMPLES, LEAST_MEASURED * rest.size)
+        and len(codes) < MOST_FILLER_CODES
+    ):
+        kept = points[:, rest]
+        ends = {*kept.argmin(axis=1).tolist(), *kept.argmax(axis=1).tolist()}
+        same = [np.asarray((kept == kept[:, k : k + 1]).all(axis=0)) for k in ends]
+        often = max(same, key=lambda one: (int(one.sum()), _coded(kept[:, one][:, 0])))
+        code = kept[:, often][:, 0]
+        if often.sum() < 2 and not _coded(code):
+            return None
+        rest[np.flatnonzero(rest)[often]] = False
+        codes.append(code)
+        others = points[:, rest]
+        if others.shape[1] < max(LEAST_FILLER_SAMPLES, LEAST_MEASURED * rest.size):
+            return None
+        low, high = others.min(axis=1), others.max(axis=1)
+        extent = float((high - low).max())
+        away = [float(np.maximum(low - one, one - high).max()) for one in codes]
+        far = [one for one, d in zip(codes, away, strict=True) if d > max(ratio * extent, least)]
+        if extent > 0.0 and far:
+            mask = np.any([(values == one[:, None]).all(axis=0) for one in far], axis=0)
+            listing = " and ".join(f"{float(one[0]):.6g}" for one in far)
+            return Filler(mask, f"the constant{'s' if len(far) > 1 else ''} {listing}")
+    return None
+
+
+def _coded(point: np.ndarray) -> bool:
+    """Return True for a position whose axes are equal, such as 9999, which none has by chance."""
+    return point.size > 1 and float(np.ptp(point)) == 0.0
 
 
 def _runs(values: np.ndarray, finite: np.ndarray) -> Iterator[tuple[int, int]]:

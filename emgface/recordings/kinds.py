@@ -8,6 +8,7 @@ import numpy as np
 from emgface.muscles import CHANNELS
 from emgface.recordings.labels import constant_value
 from emgface.recordings.quality.hum import LEAST_DURATION, power_density
+from emgface.recordings.quality.processed import LEAST_NOISE_V
 
 SLOW_FREQUENCY: Final = 10.0
 """Frequency [Hz] below which joint angles, forces and skin conductance have their power."""
@@ -15,8 +16,6 @@ MOSTLY_SLOW: Final = 0.9
 """Share of the power below `SLOW_FREQUENCY` from which a channel may be another signal than EMG."""
 #: standard deviation [V] that surface EMG does not reach, drift included
 LARGEST_EMG_V: Final = 10e-3
-LEAST_NOISE_V: Final = 0.5e-6
-"""Root mean square [V] above 20 Hz that every electrode on the skin exceeds by its noise."""
 MOST_CODES: Final = 8  #: most distinct values of a switch or a code of events
 
 _NAMES: Final = (

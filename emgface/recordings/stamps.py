@@ -1,8 +1,16 @@
 """Period of samples, and their places among uniform instants, from times with jitter and gaps."""
 
+import re
 from typing import Final
 
 import numpy as np
+
+TIME_LABELS: Final = re.compile(
+    r"(?:(?:[a-z]+[ _])?(?:times?|zeit|tijd|temps|tiempo|tempo|time ?stamps?)|t|secs?|seconds|elapsed"
+    r"|x(?= ?[\[(]))(?:(?:\b|_).*)?",
+    re.IGNORECASE,
+)
+"""Labels of columns of times in the languages of programs, with a unit or another word behind them."""
 
 #: excess of an interval, in periods, from which samples may be missing
 LOST_SAMPLE_PERIODS: Final = 0.6

@@ -6,7 +6,6 @@ blocks, counters. Samples that are absent become gaps (NaN) at their place, othe
 findings, and what cannot be placed is refused.
 """
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -16,7 +15,13 @@ import numpy as np
 from emgface.errors import DataError
 from emgface.recordings.counters import LEAST_COUNTER_SAMPLES, Counter, counter_of
 from emgface.recordings.findings import Finding, Kind
-from emgface.recordings.stamps import line_through, places_of, resolution_of, usual_period
+from emgface.recordings.stamps import (
+    TIME_LABELS,
+    line_through,
+    places_of,
+    resolution_of,
+    usual_period,
+)
 
 RATE_STATEMENTS_AGREE: Final = 2e-4
 """Relative difference of two statements of a rate from which they contradict each other."""
@@ -28,8 +33,10 @@ ARRIVAL: Final = 0.05  #: step back of times of arrival [s] that is regarded as 
 LARGEST_JITTER_PERIODS: Final = 0.6
 #: samples with gaps over samples recorded above which a file is refused
 LARGEST_GROWTH: Final = 3.0
-_TIMES: Final = re.compile(r"(time|times|timestamp|time ?stamp|t|x)([ _\[(].*)?", re.IGNORECASE)
 MOST_LISTED_GAPS: Final = 5  #: gaps that are described one by one
+MOST_BACKWARD_STEPS: Final = 0.01  #: largest part of the steps of a column of times that lead back
+#: units of a column of times that does not state it, per second
+TIME_DIVISORS: Final = (1.0, 1e3, 1e6, 1e9)
 
 
 @dataclass(frozen=True)
@@ -147,16 +154,18 @@ def with_counter(
     multiple of m; otherwise the evidence of the gaps states that their number is ambiguous. A counter
     that repeats, steps back or begins again is a finding. A column with the name of a time counts
     only if its usual step is the period of the samples, since rounded times repeat and jump.
+    Without a loss, another stated duration is a finding.
     Raises DataError if more are lost than a recording may lack (`LARGEST_GROWTH`).
     """
     for name, values in channels.items():
         if values.shape != (base.stored,) or base.gaps:
             continue
-        counter = counter_of(values, least)
+        is_time = TIME_LABELS.fullmatch(name.strip()) is not None
+        counter = counter_of(values, least, returns=not is_time)
         if counter is None or not (counter.lost.any() or counter.irregular.size):
             continue
-        periods = [counter.step * unit * base.rate for unit in (1.0, 1e-3, 1e-6, 1e-9)]
-        if _TIMES.fullmatch(name.strip()) and min(abs(p - 1.0) for p in periods) > CLOCKS_AGREE:
+        periods = [counter.step / unit * base.rate for unit in TIME_DIVISORS]
+        if is_time and min(abs(p - 1.0) for p in periods) > CLOCKS_AGREE:
             continue
         if counter.irregular.size:
             after = int(counter.irregular[0])
@@ -169,7 +178,20 @@ def with_counter(
         # The step at index k is that from stored sample k to k + 1.
         steps = np.concatenate(([0], 1 + lost))
         return _placed(base, np.cumsum(steps), evidence)
-    return base
+    return base if duration is None or base.gaps else _lasting(base, duration)
+
+
+def _lasting(base: TimeBase, duration: float) -> TimeBase:
+    """Note a stated duration [s] that the samples do not have, beyond its last digit.
+
+    Some programs state the time of the last sample.
+    """
+    lasts = base.times.size / base.rate
+    fraction = "" if float(duration).is_integer() else repr(float(duration)).partition(".")[2]
+    rounded = 0.5 * 10.0 ** -len(fraction)
+    if -max(rounded, 0.5 / base.rate) <= lasts - duration <= max(rounded, 1.5 / base.rate):
+        return base
+    return base.noting([Finding("duration", values={"lasts": lasts, "stated": duration})])
 
 
 def with_losses(base: TimeBase, losses: Mapping[int, int], evidence: str) -> TimeBase:
@@ -216,16 +238,27 @@ def _resolved(
 def contradicting(channels: Mapping[str, np.ndarray], rate: float, by: str) -> tuple[Finding, ...]:
     """Findings on columns of times that contradict the rate [Hz] and were not chosen as its source.
 
-    A column is one of times if its name says so and its values ascend; s, ms and us are tried.
+    A column is one of times if its name says so and its values ascend, except at a few places, which
+    are a finding; s, ms, us and ns are tried.
     """
     findings: list[Finding] = []
     for name, values in channels.items():
-        steps = np.diff(values)
-        if not _TIMES.fullmatch(name.strip()) or values.size < 3 or not (steps >= 0).all():
+        if not TIME_LABELS.fullmatch(name.strip()):
             continue
-        span = float(values[-1] - values[0])
-        possible = [(values.size - 1) * unit / span for unit in (1.0, 1e3, 1e6, 1e9) if span > 0]
-        if possible and min(abs(other / rate - 1.0) for other in possible) > CLOCKS_AGREE:
+        index = np.flatnonzero(np.isfinite(values))
+        steps = np.diff(values[index])
+        back = np.flatnonzero(steps < 0)
+        if index.size < 3 or back.size > MOST_BACKWARD_STEPS * index.size:
+            continue
+        if back.size and counter_of(values, returns=False) is None:  # which `with_counter` reports
+            after = int(index[back[0]])
+            findings.append(Finding("counter", values={
+                "counter": name, "places": back.size, "at": (after + 1) / rate,
+                "before": float(values[after]), "after": float(values[index[back[0] + 1]]),
+            }))  # fmt: skip
+        span = float(values[index[-1]] - values[index[0]])
+        possible = [float(index[-1] - index[0]) * unit / span for unit in TIME_DIVISORS if span > 0]
+        if not back.size and possible and min(abs(p / rate - 1.0) for p in possible) > CLOCKS_AGREE:
             near = min(possible, key=lambda other: abs(np.log(other / rate)))
             place = f"the column {name!r}"
             findings += differing(rate, by, {place: near}, values.size)

@@ -4,6 +4,7 @@ All arrays of the package are in SI; only readers of foreign files convert.
 """
 
 import difflib
+import re
 
 import xarray as xr
 
@@ -22,13 +23,15 @@ QUANTITIES = {"voltage": "V", "length": "m", "time": "s"}
 """Quantities of input data, and their SI units."""
 
 _WORDS = {
-    "volt": "V", "volts": "V", "millivolt": "mV", "millivolts": "mV",
-    "microvolt": "uV", "microvolts": "uV", "microv": "uV", "uvolt": "uV", "mvolt": "mV",
     "metre": "m", "metres": "m", "meter": "m", "meters": "m",
     "millimetre": "mm", "millimetres": "mm", "millimeter": "mm", "millimeters": "mm",
     "centimetre": "cm", "centimetres": "cm", "centimeter": "cm", "centimeters": "cm",
     "second": "s", "seconds": "s", "sec": "s", "millisecond": "ms", "milliseconds": "ms",
 }  # fmt: skip
+_VOLTS = re.compile(
+    r"(n|u|m|(?i:nano|micro|milli))?[ -]?(?i:volts?)|((?i:micro))[ -]?(?i:v(?:ol?)?)"
+)
+"""Words for volts, the last one as abbreviated in the 8 characters of a field of EDF."""
 # The micro sign, the Greek letter mu, and micro signs whose bytes were read as another code page.
 _MICRO = ("\u00b5", "\u03bc", "\u00c2\u00b5", "\u00ce\u00bc", "\u00e6")
 
@@ -47,8 +50,12 @@ def spelling(unit: str) -> str:
     for sign in sorted(_MICRO, key=len, reverse=True):
         if unit.startswith(sign):
             unit = "u" + unit[len(sign) :]
-    if unit.lower() in _WORDS:
-        return _WORDS[unit.lower()]
+    plain = unit.lower()
+    if plain in _WORDS:
+        return _WORDS[plain]
+    if volts := _VOLTS.fullmatch(unit):
+        prefix = (volts[1] or volts[2] or "").lower()
+        return f"{'u' if prefix == 'micro' else prefix[:1]}V"
     # Case distinguishes prefixes (mV, MV); only unambiguous spellings ignore it.
     return {"MM": "mm", "CM": "cm", "uv": "uV", "UV": "uV", "mv": "mV", "v": "V"}.get(unit, unit)
 

@@ -12,6 +12,7 @@ from emgface.recordings.bids import bids_problems, write_bids
 from emgface.recordings.bids.names import entities, file_name, trial_of
 from emgface.recordings.bids.rules import EMG_KEYS, MOTION_KEYS
 from emgface.recordings.dataset import find_recordings, read_recording
+from emgface.recordings.findings import findings_in
 from emgface.recordings.labels import note
 
 EMG = "sub-V01/emg/sub-V01_task-A_run-01_"
@@ -211,8 +212,8 @@ def test_a_motion_file_cut_within_a_row_is_refused(trial: xr.Dataset, tmp_path: 
     with pytest.raises(DataError, match="motion.tsv ends within a row"):
         read_recording(path)
     motion.write_text(text[: text.rstrip("\n").rindex("\n")])
-    noted = note(read_recording(path), "dropped")[motion.name]
-    assert noted == "contains 0.24 s of the 0.25 s that it declares"
+    (short,) = (f for f in findings_in(read_recording(path)) if f.code == "duration")
+    assert short.kind == "marker" and short.values == {"lasts": 0.24, "stated": 0.25}
 
 
 def test_recordings_that_bids_cannot_represent_are_refused(
@@ -260,7 +261,8 @@ def test_the_published_examples(shared: Path) -> None:
     assert dict(positions.sizes) == {"marker": 2, "axis": 3, "time_marker": 256}
     first = positions["position"].sel(marker="sacrum").values[:, 0]
     np.testing.assert_array_equal(first, np.array([89.1437, 114.9735, 112.8298]) / 1e3)
-    assert "contains 1 s of the 620.453 s" in note(positions, "dropped")[motion.name]
+    (short,) = (f for f in findings_in(positions) if f.code == "duration")
+    assert short.clause.startswith("lasts 1 s, but its description states 620.453 s")
     # Both lack a column that a later version of the specification requires.
     for folder in (face, many):
         assert bids_problems(folder) == [

@@ -73,7 +73,8 @@ def test_files_of_edfio_are_read(tmp_path: Path, kind: str) -> None:
     assert np.abs(trial["emg"].values - values / 1e3).max() <= 0.5001 * step
     assert note(trial, "dropped") == {
         "Temp": "in 'degC', not a voltage",
-        "Slow": "sampled at 50 Hz, the others at 100 Hz",
+        "Slow": "sampled at 50 Hz, the others at 100 Hz: left out, export channels of one rate, or "
+        "resample it",
     }
     assert trial.attrs["device"] == "TMSi Porti"
 

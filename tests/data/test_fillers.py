@@ -57,6 +57,25 @@ def test_fillers_of_markers_are_found_and_nothing_else(filler: str) -> None:
     np.testing.assert_array_equal(np.flatnonzero(fillers.mask), np.arange(span.start, span.stop))
 
 
+@pytest.mark.parametrize("codes", [(-9999.0, 9999.0), (0.0, -9999.0), (1e6,)])
+def test_several_codes_and_codes_in_most_samples_are_fillers(codes: tuple[float, ...]) -> None:
+    values, expected = RAW.copy(), np.zeros(T.size, dtype=bool)
+    spans = [slice(100, 300), slice(1200, 1500)] if len(codes) > 1 else [slice(0, 2300)]
+    for span, code in zip(spans, codes, strict=True):
+        values[span], expected[span] = code * 1e-6, True
+    masks = [filler.mask for filler in emg_fillers(values, 5e-4)]
+    np.testing.assert_array_equal(np.any(masks, axis=0), expected)
+    positions, frames = MARKER.copy(), np.zeros(FRAMES.size, dtype=bool)
+    spans = [slice(20, 60), slice(100, 120)] if len(codes) > 1 else [slice(0, 170)]
+    for span, code in zip(spans, codes, strict=True):
+        positions[:, span], frames[span] = code * 1e-3, True
+    masks = []
+    for filler in marker_fillers(positions, 0.9):
+        masks.append(filler.mask)
+        positions[:, filler.mask] = np.nan
+    np.testing.assert_array_equal(np.any(masks, axis=0), frames)
+
+
 def clipped(x: np.ndarray) -> np.ndarray:
     return np.clip(x, -3e-5, 3e-5)
 

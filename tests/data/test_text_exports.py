@@ -121,7 +121,7 @@ def test_sensors_of_two_rates_are_distinguished(tmp_path: Path) -> None:
     path = discover(tmp_path / "a.csv", clocks, [2000.0, 2000.0, 1259.26])
     recording = read_recording(path)
     assert [str(c) for c in recording["channel"].values] == ["EMG 0", "EMG 1"]
-    assert "1259.26 Hz on its own column of times" in note(recording, "dropped")["EMG 2"]
+    assert "sampled at 1259.26 Hz, the others at 2000 Hz" in note(recording, "dropped")["EMG 2"]
 
 
 def test_a_stated_rate_that_contradicts_the_times_is_reported(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from emgface.errors import DataError
 from emgface.recordings.counters import counter_of
-from emgface.recordings.timebase import of_blocks, of_rate, of_stamps
+from emgface.recordings.timebase import contradicting, of_blocks, of_rate, of_stamps, with_counter
 
 RATE = 1000.0
 RNG = np.random.default_rng(7)
@@ -113,6 +113,39 @@ def test_a_counter_shows_what_was_lost(modulus: int, step: int, scale: float) ->
     np.testing.assert_allclose(base.times, np.arange(4000) / RATE)
 
 
+@pytest.mark.parametrize("kind", ["packets of 10", "pairs", "down", "absent", "time"])
+def test_counters_of_packets_down_and_with_absent_counts_show_what_was_lost(kind: str) -> None:
+    kept = lost((700, 30), (2100, 20)).astype(float)
+    name = {"time": "Zeit [s]"}.get(kind, "n")
+    values = {
+        "packets of 10": kept // 10, "pairs": kept // 2 % 201, "down": 9000 - kept,
+        "absent": np.where(np.isin(np.arange(kept.size), (3, 1000, 1001)), np.nan, kept),
+        "time": kept / RATE,
+    }[kind]  # fmt: skip
+    base = of_rate("a", kept.size, RATE, witnesses={name: values})
+    assert [(gap.samples, round(gap.at * RATE)) for gap in base.gaps] == [(30, 700), (20, 2100)]
+
+
+@pytest.mark.parametrize("name", ["time", "Zeit [s]", "elapsed", "unix_time", "Temps (s)", "X [s]"])
+@pytest.mark.parametrize("rate", [1000.0, 1024.0])
+def test_a_column_of_times_that_begins_again_contradicts_a_rate(name: str, rate: float) -> None:
+    once = np.round(np.arange(2000) / rate, 6)
+    columns = {name: np.r_[once, once]}
+    base = of_rate("a", 4000, rate)
+    base = with_counter(base, columns).noting(contradicting(columns, rate, "the rate"))
+    assert not base.gaps
+    (finding,) = base.findings("channel")
+    assert finding.code == "counter"
+    assert finding.values["at"] == pytest.approx(2000 / rate)
+
+
+def test_a_column_of_times_with_absent_values_contradicts_a_rate() -> None:
+    values = np.round(np.arange(1000) / 960.0, 6)
+    values[5] = np.nan
+    (finding,) = contradicting({"time": values}, 1000.0, "the rate")
+    assert finding.code == "rate"
+
+
 AMBIGUOUS = "so that the number is ambiguous"
 
 
@@ -151,7 +184,7 @@ def test_a_counter_that_returns_does_not_hide_that_the_loss_is_ambiguous(
 @pytest.mark.parametrize(
     "values",
     [
-        np.arange(1000) // 2,
+        np.arange(1000) * 2 // 3,
         np.cumsum(RNG.integers(0, 3, 1000)),
         np.sin(np.arange(1000)),
         np.zeros(1000),

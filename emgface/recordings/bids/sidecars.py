@@ -50,9 +50,18 @@ class EmgSidecars(NamedTuple):
                 f"{self.path.name} contains {len(labels)} channels, and its channels.tsv "
                 f"lists {len(listed)}; expected one row each: repair the table."
             )
+        keys, own = ([_key(name) for name in names] for names in (listed, labels))
         # Labels are used only if the order of the table differs from that of the file.
-        if sorted(listed) == sorted(labels):
-            return list(labels)
+        if sorted(keys) == sorted(own) and len(set(keys)) == len(keys):
+            return [listed[keys.index(key)] for key in own]
+        for place, key in enumerate(own):
+            if key in keys and keys[place] != key and own.count(key) == keys.count(key) == 1:
+                row = keys.index(key)
+                raise DataError(
+                    f"{self.path.name}: channel {place + 1} is {labels[place]!r}, and row {row + 1} of "
+                    f"its channels.tsv is {listed[row]!r}; expected the same order or the same names: "
+                    "repair the table."
+                )
         return listed
 
     def type_of(self, label: str) -> str:
@@ -100,6 +109,19 @@ class EmgSidecars(NamedTuple):
             self.description.get("RecordingDuration"), "emg.json", "RecordingDuration"
         )
 
+    def pauses(self, seen: bool) -> list[Finding]:
+        """Findings on pauses that the JSON file states, of which none was `seen` in the signal file.
+
+        Raises DataError for epochs, which are no continuous recording.
+        """
+        kind = str(self.description.get("RecordingType", "")).lower()
+        if kind == "epoched":
+            raise DataError(
+                f"{self.path.name} contains epochs, as emg.json states by RecordingType; expected one "
+                "continuous recording: export the raw data, or each epoch as a separate file."
+            )
+        return [Finding("pauses", "channel")] if kind == "discontinuous" and not seen else []
+
     @property
     def origin(self) -> str:
         """Origin of the recording: measured or simulated."""
@@ -119,6 +141,11 @@ class EmgSidecars(NamedTuple):
     def trial(self) -> dict[str, str | int]:
         """Volunteer, instruction and repetition."""
         return trial_of(self.path)
+
+
+def _key(name: str) -> str:
+    """Part of a name that a signal file preserves, whose labels have at most 16 characters."""
+    return name.strip().casefold()[:16].strip()
 
 
 def positive_number(value: Any, where: str, name: str) -> float | None:
@@ -204,6 +231,7 @@ def read_tsv(path: Path, *, repeated: bool = False) -> pd.DataFrame:
         labels = [label.strip().strip('"') for label in first.split("\t")]
         stream.seek(0)
         table = pd.read_csv(stream, sep="\t", dtype=str, keep_default_na=False, index_col=False)
+        table = table.rename(columns=str.strip).apply(lambda cells: cells.str.strip())
     except (OSError, ValueError, pd.errors.ParserError) as error:
         raise DataError(
             f"{path.name} is not a table ({' '.join(str(error).split())}); expected columns separated "

@@ -24,7 +24,6 @@ from emgface.recordings.exports.contract import (
     seconds_in,
     split,
 )
-from emgface.recordings.findings import Finding
 
 NAME: str = "AcqKnowledge"
 DIGITAL, CALCULATED = 28, 40  #: first numbers of digital inputs, and of calculation channels
@@ -87,20 +86,19 @@ def read(path: Path, text: str, head: Sequence[str]) -> Export:
         unit = _CLOCKS.get(cells[0].lower(), cells[0])
         time = seconds_in(path, block.numbers(0), unit)
     columns: list[Column] = []
-    findings: list[Finding] = []
     for k, (label, unit) in enumerate(zip(labels, units, strict=True)):
         n = block.used(ahead + k)
         one = numbers[ahead + k]
         apart = _apart(int(one.group(1)) if one else 0)
         if n < block.n_rows and not apart:
             apart = f"has {n} of {block.n_rows} samples: it was recorded at another rate"
-        if stated is not None and k < len(stated) and stated[k] != n and not findings:
-            findings = [Finding("sample_count", values={"held": n, "stated": stated[k]})]
-        values = block.numbers(ahead + k)[:n]
-        columns.append(
-            Column(label, unit, np.array(values), rate, None if time is None else time[:n], apart)
+        values, instants = (
+            np.array(block.numbers(ahead + k)[:n]),
+            None if time is None else time[:n],
         )
-    return Export(columns, "BIOPAC", findings)
+        count = stated[k] if stated is not None and k < len(stated) else None
+        columns.append(Column(label, unit, values, rate, instants, apart, count))
+    return Export(columns, "BIOPAC")
 
 
 def _counts(below: Sequence[str], delimiter: str, ahead: int) -> list[int] | None:

@@ -40,6 +40,7 @@ class Column:
     rate: float | None = None
     time: np.ndarray | None = None
     apart: str = ""  #: reason why the signal is no EMG, empty if it may be
+    stated: int | None = None  #: number of samples that the header states
 
 
 @dataclass(frozen=True)

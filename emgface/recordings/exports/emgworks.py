@@ -28,7 +28,7 @@ _CLOCK: Final = re.compile(r"X\s?\[(s|ms)\]", re.IGNORECASE)
 _UNIT: Final = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
 _STATED: Final = re.compile(
     r"\s*Label:\s*(?P<label>.*?)[\s,;]+Sampling frequency:\s*(?P<rate>[\d.,]+?)[\s,;]"
-    r"(?:.*?Unit:\s*(?P<unit>\S+?)(?:[\s,;]|$))?",
+    r"(?:.*?Number of points:\s*(?P<points>\d+))?(?:.*?Unit:\s*(?P<unit>\S+?)(?:[\s,;]|$))?",
     re.IGNORECASE,
 )
 
@@ -73,5 +73,7 @@ def read(path: Path, text: str, head: Sequence[str]) -> Export:
         scale = 1e-3 if "ms" in cells[clock].lower() else 1.0
         time = scale * block.numbers(clock)[:n]
         values = np.array(block.numbers(k)[:n])
-        columns.append(Column(label, unit, values, rate, time))
+        points = entry["points"] if entry else None
+        count = int(points) if points else None
+        columns.append(Column(label, unit, values, rate, time, stated=count))
     return Export(columns, "Delsys")

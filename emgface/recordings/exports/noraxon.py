@@ -98,7 +98,8 @@ def read(path: Path, text: str, head: Sequence[str]) -> Export:
         if n and n < 0.9 * block.n_rows:
             apart = f"has {n} of {block.n_rows} samples: it was recorded at another rate"
         values = np.array(block.numbers(k))
-        columns.append(Column(label, unit, values, rate, time, apart))
+        count = int(entries["count"]) if entries.get("count", "").isdigit() else None
+        columns.append(Column(label, unit, values, rate, time, apart, count))
     return Export(columns, "Noraxon")
 
 

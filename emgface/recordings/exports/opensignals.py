@@ -70,7 +70,7 @@ def read(path: Path, text: str, head: Sequence[str]) -> Export:
     columns: list[Column] = []
     first = 0
     for device in devices:
-        columns += _signals(path, block, device, first, len(devices) > 1)
+        columns += _signals(block, device, first, len(devices) > 1)
         first += len(device.columns)
     return Export(columns, ", ".join(device.name for device in devices))
 
@@ -103,14 +103,14 @@ def _texts(header: Mapping[str, Any], key: str) -> list[str]:
     return [str(one) for one in value] if isinstance(value, list) else []
 
 
-def _signals(path: Path, block: Block, device: _Device, first: int, several: bool) -> list[Column]:
-    place = _places(path, block, device, first)
+def _signals(block: Block, device: _Device, first: int, several: bool) -> list[Column]:
     columns: list[Column] = []
+    if device.columns[0].lower() == "nseq":
+        why = "sequence number of the samples"
+        columns.append(Column(device.columns[0], "", block.numbers(first), device.rate, None, why))
     start = first + len(device.columns) - len(device.channels)
     for k, label in enumerate(device.channels):
-        raw = block.numbers(start + k)
-        values = np.full(int(place[-1]) + 1, np.nan)
-        values[place] = raw
+        values = np.array(block.numbers(start + k))
         sensor = device.sensors[k].strip()
         named = f"{device.name}: {label}" if several else label
         named = f"{named} {sensor}" if sensor.upper() not in ("", "RAW") else named
@@ -133,31 +133,3 @@ def _signals(path: Path, block: Block, device: _Device, first: int, several: boo
             apart = f"of type {sensor}, not EMG"
         columns.append(Column(named, unit, values, device.rate, None, apart))
     return columns
-
-
-def _places(path: Path, block: Block, device: _Device, first: int) -> np.ndarray:
-    """Index of each row in time, by the sequence number, which wraps at a power of two."""
-    if device.columns[0].lower() != "nseq" or block.n_rows < 2:
-        return np.arange(block.n_rows)
-    number = block.numbers(first)
-    if not np.isfinite(number).all() or number.min() < 0 or number.max() > 2**31:
-        raise DataError(
-            f"{path.name} has sequence numbers from {np.nanmin(number):g} to {np.nanmax(number):g}; "
-            "expected counts from 0: it is damaged, export it again."
-        )
-    step = np.diff(number)
-    wraps = 2.0 ** np.ceil(np.log2(max(number.max(), 1.0) + 1.0)) if (step < 0).any() else np.inf
-    step = np.where(step < 0, step + wraps, step)
-    if (step < 1).any() or (step != np.round(step)).any():
-        at = int(np.argmax((step < 1) | (step != np.round(step))))
-        raise DataError(
-            f"{path.name}, row {block.skip + at + 2}: the sequence number {number[at]:g} is followed by "
-            f"{number[at + 1]:g}; expected the next one: it is damaged, export it again."
-        )
-    place = np.concatenate(([0], np.cumsum(step))).astype(np.int64)
-    if place[-1] > 2 * block.n_rows + 1000:
-        raise DataError(
-            f"{path.name} has {block.n_rows} rows for {place[-1]:d} sequence numbers; expected most "
-            "of them: samples are lost, record it again."
-        )
-    return place

@@ -9,6 +9,7 @@ of versions 1.5 to 2.1 as documented by the programs that read it.
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -27,6 +28,7 @@ from emgface.recordings.exports.contract import (
 
 NAME: str = "Trigno Discover"
 
+COLLECTION_END: Final = 0.1  #: time [s] by which sensors may end before the stated length
 _CLOCK: Final = re.compile(r"(.*?)\s*Time Series \((s|ms)\)(?:[ .]\d+)?", re.IGNORECASE)
 _SIGNAL: Final = re.compile(r"(.*?)\s*\(([^()]*)\)(?:[ .]\d+)?")
 _RATE: Final = re.compile(r"([\d.,]+)\s*Hz", re.IGNORECASE)
@@ -93,7 +95,27 @@ def read(path: Path, text: str, head: Sequence[str]) -> Export:
                 scale * block.numbers(clock)[:n],
             )
         )
-    return Export(columns, "Delsys Trigno")
+    return Export(
+        [_counted(column, _length(head[:row], delimiter)) for column in columns], "Delsys Trigno"
+    )
+
+
+def _length(above: Sequence[str], delimiter: str) -> float | None:
+    """Collection length [s] that the header states."""
+    for line in above:
+        cells = split(line, delimiter)
+        if cells[0].lower().startswith("collection length") and len(cells) > 1:
+            return float(cells[1].replace(",", ".")) if NUMBER.fullmatch(cells[1]) else None
+    return None
+
+
+def _counted(column: Column, length: float | None) -> Column:
+    """Column with the number of samples of a stated length [s], if it differs clearly."""
+    if length is None or column.rate is None:
+        return column
+    count = round(length * column.rate)
+    differs = abs(count - column.values.size) > COLLECTION_END * column.rate
+    return replace(column, stated=count if differs else None)
 
 
 def _sensors(above: Sequence[str], delimiter: str, width: int) -> list[str]:

@@ -12,6 +12,7 @@ from emgface.errors import DataError, UnitsError, listed
 from emgface.muscles import AXES
 from emgface.recordings.findings import Finding, findings_in, with_findings
 from emgface.recordings.kinds import kind_of_unit
+from emgface.recordings.readers._filters import stated_processing
 from emgface.recordings.timebase import TimeBase
 from emgface.schema.units import quantity_of, spelling, to_si
 
@@ -62,6 +63,20 @@ def position_array(
     dims = ("marker", "axis", "time_marker")
     array = xr.DataArray(time.laid(values), coords, dims, "position", {"units": unit})
     return with_findings(to_si(array, "length").to_dataset(), time.findings("marker"))
+
+
+def one_unit(stated: Sequence[str], given: str | None, place: str) -> str:
+    """Return the unit of coordinates, of which a file states one each; UnitsError for several.
+
+    With a `given` unit that replaces them, several are accepted.
+    """
+    different = list(dict.fromkeys(spelling(unit) for unit in stated))
+    if len(different) > 1 and given is None:
+        raise UnitsError(
+            f"{place} states the units {', '.join(map(repr, different))} for positions; expected one: "
+            "repair it, or specify the unit of all as position in the table 'units' of the mapping."
+        )
+    return next(iter(stated), "")
 
 
 def voltages(
@@ -117,7 +132,8 @@ def voltages(
         channel=[labels[i] for i in keep]
     )
     original = ", ".join(dict.fromkeys(stated[i] for i in keep))
-    return Part(data, {"emg": original}, dropped, names, left)
+    processed = [one for i in keep for one in stated_processing(labels[i], labels[i])]
+    return Part(data, {"emg": original}, dropped, names, [*left, *processed])
 
 
 def left_out(label: str, *, unit: str = "", kind: str = "") -> Finding:
@@ -131,6 +147,11 @@ def left_out(label: str, *, unit: str = "", kind: str = "") -> Finding:
     else:
         why = f"in {unit!r}, not a voltage"
     return Finding("left_out", "channel", label, {"unit": unit, "type": kind, "why": why})
+
+
+def left_out_by_rate(label: str, rate: float, used: float) -> Finding:
+    """Return the finding on a channel whose rate [Hz] is not that of the channels that are used."""
+    return Finding("other_rate", "channel", label, {"rate": rate, "used": used})
 
 
 def _unknown(unit: str) -> bool:

@@ -1,14 +1,19 @@
 """Statements of a file that contradict its sidecar: units in labels, and rates stored with an array."""
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
+
+import numpy as np
 
 from emgface.errors import DataError
 from emgface.recordings.findings import Finding
 from emgface.recordings.layout import unit_in
+from emgface.recordings.readers._arrays import read_array
 from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import parse_contents
+from emgface.recordings.stamps import TIME_LABELS
 from emgface.recordings.timebase import RATE_STATEMENTS_AGREE, differing
 from emgface.schema.units import quantity_of, spelling
 
@@ -16,6 +21,15 @@ RATE_NAMES: Final = frozenset(
     "fs rate samplingrate samplerate srate samplingfrequency freq hz".split()
 )
 """Names of variables and attributes that contain a sampling rate."""
+PERIOD_NAMES: Final = frozenset(
+    "dt samplinginterval sampleinterval samplingperiod sampleperiod".split()
+)
+"""Names of those that contain a sampling interval [s]."""
+_IN_WORDS: Final = re.compile(
+    r"(?:sampl\w*[ _-]?(?:rate|freq\w*)|\bf_?s\b|\bsrate\b)[^\d\n]{0,20}?"
+    r"(\d+(?:[.,]\d+)?)\s*(k?)(?:hz)?\b",
+    re.IGNORECASE,
+)
 
 
 def require_stated_units(sidecar: Path, labels: Iterable[str], unit: str, entry: str) -> None:
@@ -36,12 +50,38 @@ def require_stated_units(sidecar: Path, labels: Iterable[str], unit: str, entry:
 
 def rates_of(numbers: dict[str, float]) -> dict[str, float]:
     """Sampling rates [Hz] among the single numbers of a file, by the name of variable or attribute."""
-    return {
-        key: value
-        for key, value in numbers.items()
-        if "".join(c for c in key.rpartition("/")[2].rpartition(".")[2].lower() if c.isalpha())
-        in RATE_NAMES
+    plain = {
+        key: "".join(c for c in key.rpartition("/")[2].rpartition(".")[2].lower() if c.isalpha())
+        for key in numbers
     }
+    rates = {key: value for key, value in numbers.items() if plain[key] in RATE_NAMES}
+    periods = {
+        key: value for key, value in numbers.items() if plain[key] in PERIOD_NAMES and value > 0
+    }
+    return rates | {key: 1.0 / value for key, value in periods.items()}
+
+
+def rates_in_lines(lines: Sequence[str]) -> dict[str, float]:
+    """Sampling rates [Hz] that lines before a table state, such as ``%Sample Rate = 250.0 Hz``."""
+    return {
+        f"the line {line.strip()[:60]!r}": float(found[1].replace(",", "."))
+        * (1e3 if found[2] else 1)
+        for line in lines
+        if (found := _IN_WORDS.search(line))
+    }
+
+
+def times_in(path: Path, variable: str, samples: int) -> dict[str, np.ndarray]:
+    """Variables of times of the samples in the file of an array, by their names."""
+    shapes: dict[str, tuple[tuple[int, ...], str]]
+    shapes = parsed(path, parse_contents, path)["variables"]
+    names = [
+        name
+        for name, (shape, kind) in shapes.items()
+        if kind in "iuf" and samples in shape and max(shape) == int(np.prod(shape))
+        if name != variable and TIME_LABELS.fullmatch(re.split(r"[/.]", name)[-1])
+    ]
+    return {name: read_array(path, name).ravel() for name in names}
 
 
 def declared_rates(

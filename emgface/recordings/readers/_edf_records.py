@@ -10,10 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from emgface.recordings.readers._flags import is_bad_mark
+
 _HEADER = 256
 _LABELS = (b"EDF Annotations", b"BDF Annotations")
 _ONSET = re.compile(rb"\x00*([+-]\d+(?:\.\d*)?)(?:\x15(\d+(?:\.\d*)?))?\x14([^\x00]*)\x00?")
-_BAD = re.compile(r"bad([\s_:-].*)?", re.IGNORECASE)
 _IN_RANGE = 1 << 20  #: bit of the BioSemi status that is set while the electrodes are in range
 
 
@@ -56,7 +57,7 @@ def records_of(data: bytes) -> Records | None:
                 starts.append(float(lists[0].group(1)))
             for onset in lists:
                 text = onset.group(3).decode("utf-8", "replace").strip("\x14")
-                if _BAD.fullmatch(text.strip()):
+                if is_bad_mark(text):
                     span = float(onset.group(2) or 0.0)
                     bad.append(BadInterval(float(onset.group(1)) - starts[0], span, text.strip()))
     return Records(np.array(starts) - starts[0], float(data[244:252]), tuple(bad))

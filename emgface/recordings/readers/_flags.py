@@ -1,6 +1,8 @@
 """Channels and intervals that a file marks as bad: values NaN or left out, each with a finding."""
 
+import re
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -11,6 +13,42 @@ from emgface.recordings.timebase import TimeBase
 
 BAD = "marked as bad"  #: begin of the reason of a channel that was left out because it is bad
 _LISTED = 20  #: intervals that are described one by one
+_STATUS: Final = ("good", "bad", "n/a", "", "nan")
+_BAD_MARK: Final = re.compile(r"bad(?:[\s_:@-].*)?", re.IGNORECASE)
+
+
+def is_bad_mark(text: str) -> bool:
+    """Return True for the text of an annotation or marker that marks data as bad, as in MNE-Python.
+
+    Examples
+    --------
+    >>> is_bad_mark("BAD_movement"), is_bad_mark("bad@@EMG 1"), is_bad_mark("Baden")
+    (True, True, False)
+    """
+    return _BAD_MARK.fullmatch(text.strip()) is not None
+
+
+def with_bad_span(
+    part: Part,
+    base: TimeBase,
+    start: float,
+    duration: float,
+    text: str,
+    what: str,
+    labels: Sequence[str],
+) -> Part:
+    """Replace the samples from `start` for `duration` [s] that a text marks as bad by NaN.
+
+    Channels after ``@@`` are the only ones concerned, if they are among the `labels`. A mark without
+    duration is a finding.
+    """
+    named = [name for name in text.split("@@")[1:] if name in labels] or None
+    by = f"the {what} {text!r}"
+    if not duration > 0.0:
+        mark = Finding("bad_moment", "channel", "", {"by": by, "at": start})
+        return part._replace(findings=[*part.findings, mark])
+    inside = (base.times >= start) & (base.times < start + duration)
+    return with_bad_samples(part, "channel", base, inside[base.places], by, named)
 
 
 def bad_rows(table: pd.DataFrame | None, names: Sequence[str]) -> dict[str, str]:
@@ -23,6 +61,20 @@ def bad_rows(table: pd.DataFrame | None, names: Sequence[str]) -> dict[str, str]
             reason = str(row.get("status_description", "n/a")).strip()
             reasons[str(row["name"])] = "" if reason in ("", "n/a", "nan") else reason
     return reasons
+
+
+def odd_status(
+    table: pd.DataFrame | None, names: Sequence[str], kind: Kind, by: str
+) -> list[Finding]:
+    """Findings on channels whose ``status`` in a table of BIDS is neither good, bad nor n/a."""
+    if table is None or "status" not in table.columns:
+        return []
+    rows = zip(table["name"], table["status"], strict=True)
+    return [
+        Finding("status", kind, str(name), {"status": str(status), "by": by})
+        for name, status in rows
+        if str(name) in names and str(status).strip().lower() not in _STATUS
+    ]
 
 
 def without_bad(part: Part, dim: Kind, bad: dict[str, str], by: str) -> Part:

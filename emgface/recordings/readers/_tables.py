@@ -16,7 +16,7 @@ from emgface.recordings.findings import Finding
 from emgface.recordings.readers._arrays import read_array, read_texts
 from emgface.recordings.readers._build import require_few
 from emgface.recordings.readers._companion import companion_file
-from emgface.recordings.readers._declared import declared_rates
+from emgface.recordings.readers._declared import declared_rates, rates_in_lines, times_in
 from emgface.recordings.readers._table_models import PositionTable, Table
 from emgface.recordings.timebase import (
     TimeBase,
@@ -53,9 +53,12 @@ def load_table(
     path = companion_file(folder or sidecar.parent, table.file, sidecar.name)
     dropped: dict[str, str] = {}
     cut: list[Finding] = []
+    stated: dict[str, float] = {}
     if table.variable is None:
         frame = _table(sidecar, path, table)
-        cut = doubtful_lines(read_text(path, table.encoding), table.delimiter)
+        text = read_text(path, table.encoding)
+        cut = doubtful_lines(text, table.delimiter)
+        stated = rates_in_lines(text.splitlines()[: table.skip_rows])
         if not table.columns:
             _require_labels(sidecar, path, table, wanted)
         for name in list(frame.columns):
@@ -84,12 +87,15 @@ def load_table(
         frame = table.step * (frame - table.zero)
     if instants is None:
         rate = float(table.rate or np.nan)
-        base = of_rate(path.name, len(frame), rate, by=f"'rate' in {sidecar.name}")
         by = f"'rate' in {sidecar.name}"
-        base = base.noting([*contradicting(columns, rate, by), *cut])
+        if table.variable is not None:
+            columns |= times_in(path, table.variable, len(frame))
+        base = with_counter(of_rate(path.name, len(frame), rate, by=by, others=stated), columns)
+        if not base.gaps:  # which would explain another mean rate
+            base = base.noting(contradicting(columns, rate, by))
         if table.variable is not None:
             base = base.noting(declared_rates(path, table.variable, rate, len(frame), by))
-        return frame, with_counter(base, columns), dropped
+        return frame, base.noting(cut), dropped
     named = xr.DataArray(instants, dims="time", name=f"{path.name}, {table.time}")
     time = to_si(named.assign_attrs(units=table.time_unit), "time").values
     base = of_stamps(f"{path.name}, {table.time}", time, by=f"the times of {table.time!r}")

@@ -31,9 +31,16 @@ from emgface.recordings.bids.sidecars import (
 )
 from emgface.recordings.ends import doubtful_lines
 from emgface.recordings.findings import Finding, with_findings
-from emgface.recordings.readers._build import Part, assemble_parts, position_array, unique_labels
+from emgface.recordings.readers._build import (
+    Part,
+    assemble_parts,
+    one_unit,
+    position_array,
+    unique_labels,
+)
 from emgface.recordings.readers._flags import bad_rows, without_bad
-from emgface.recordings.timebase import TimeBase, of_rate, of_stamps
+from emgface.recordings.timebase import TimeBase, of_rate, of_stamps, with_counter
+from emgface.schema.units import to_si
 from emgface.texts import read_text
 
 SUFFIXES = (".tsv",)
@@ -140,8 +147,6 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
         )
     values, cut = _values(path, len(channels))
     base = _time_base(path, values, channels, rate, announced).noting(cut)
-    duration = base.times.size / base.rate
-    short = announced is not None and duration < announced - 0.5 / base.rate
     positions = channels[(channels["type"] == "POS") & channels["component"].isin(AXES)]
     dropped = {
         str(row["name"]): (
@@ -151,8 +156,6 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
         )
         for _, row in channels.drop(positions.index).iterrows()
     }
-    if short:
-        dropped[path.name] = f"contains {duration:g} s of the {announced:g} s that it declares"
     points: list[str] = []
     columns: list[list[int]] = []
     for point, rows in positions.groupby("tracked_point", sort=False):
@@ -165,16 +168,11 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
     if not points:
         return Part(None, {}, dropped), description
     used = positions.loc[[i for triple in columns for i in triple], "units"]
-    position_units = list(dict.fromkeys(used))
-    if len(position_units) > 1 and "position" not in units:
-        raise DataError(
-            f"{table.name} lists the units {', '.join(position_units)} for positions; expected one: "
-            "repair it, or specify the unit in the table 'units' of the mapping."
-        )
+    stated_unit = one_unit(list(used), units.get("position"), table.name)
     labels, names = unique_labels(points, "marker")
     array = np.stack([values[:, triple].T for triple in columns])
-    data = position_array(array, labels, base, units.get("position", position_units[0]))
-    part = Part(data, {"position": position_units[0]}, dropped, names)
+    data = position_array(array, labels, base, units.get("position", stated_unit))
+    part = Part(data, {"position": stated_unit}, dropped, names)
     bad = bad_rows(channels, [str(name) for name in positions["name"]])
     point = {str(row["name"]): str(row["tracked_point"]) for _, row in positions.iterrows()}
     of_points = {point[name]: why for name, why in bad.items() if point[name] in labels}
@@ -193,14 +191,18 @@ def _time_base(
         raise DataError(f"{path.name} has no frames; expected at least one: copy it again.")
     latency = next((k for k, kind in enumerate(channels["type"]) if kind == "LATENCY"), None)
     if latency is not None:
-        return of_stamps(
+        unit = str(channels["units"].iloc[latency])
+        unit = "s" if unit in ("n/a", "") else unit
+        named = xr.DataArray(values[:, latency], dims="time", name=f"{path.name}, its latencies")
+        base = of_stamps(
             path.name,
-            values[:, latency],
+            to_si(named.assign_attrs(units=unit), "time").values,
             nominal=None if rate is None else float(rate),
             by="the column of latencies",
             nominal_by="motion.json",
             jittered=True,
         )
+        return with_counter(base, {}, duration=announced)
     columns = {str(name): values[:, k] for k, name in enumerate(channels["name"])}
     stated = [
         positive_number(cell, "channels.tsv", "sampling_frequency")

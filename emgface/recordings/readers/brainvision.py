@@ -6,7 +6,7 @@ samples written as text, are refused.
 
 import codecs
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,9 +14,19 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import DataError
-from emgface.recordings.readers._build import assemble_parts, positive, unique_labels, voltages
+from emgface.recordings.exports.contract import NUMBER
+from emgface.recordings.findings import Finding
+from emgface.recordings.readers._build import (
+    Part,
+    assemble_parts,
+    positive,
+    unique_labels,
+    voltages,
+)
 from emgface.recordings.readers._companion import companion_file
-from emgface.recordings.readers._flags import with_bad_samples
+from emgface.recordings.readers._declared import rates_in_lines
+from emgface.recordings.readers._filters import stated_band
+from emgface.recordings.readers._flags import is_bad_mark, with_bad_samples
 from emgface.recordings.timebase import of_rate, with_losses
 from emgface.texts import decoded, marked_encoding
 
@@ -57,20 +67,50 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     labels, names = unique_labels([channel.label for channel in channels], "channel")
     values = [row * channel.resolution for row, channel in zip(samples, channels, strict=True)]
     witnesses = dict(zip(labels, values, strict=True))
-    base = of_rate(path.name, samples.shape[1], rate, by="SamplingInterval", witnesses=witnesses)
+    comment = list(sections.get("Comment", {}))
+    base = of_rate(
+        path.name, samples.shape[1], rate, by="SamplingInterval",
+        others=rates_in_lines(comment), witnesses=witnesses,
+    )  # fmt: skip
     base = with_losses(base, lost, "markers 'LostSamples'")
     stated = [channel.unit for channel in channels]
     part = voltages(values, labels, stated, base, units, names)
-    for start, stop, channel in bad:
+    for start, stop, channel, text in bad:
         inside = np.zeros(base.stored, dtype=bool)
         inside[start:stop] = True
         concerned = None if channel is None else labels[channel : channel + 1]
-        part = with_bad_samples(part, "channel", base, inside, "a marker 'Bad Interval'", concerned)
-    return assemble_parts([part])
+        part = with_bad_samples(part, "channel", base, inside, f"a marker {text!r}", concerned)
+    filters = [one for name in _labels_of(part) for one in _hardware_filters(comment, name)]
+    return assemble_parts([part._replace(findings=[*part.findings, *filters])])
+
+
+def _labels_of(part: Part) -> list[str]:
+    return [] if part.data is None else [str(name) for name in part.data["channel"].values]
+
+
+def _hardware_filters(comment: Sequence[str], name: str) -> list[Finding]:
+    """Findings on the edges of a channel in the table of filters of a comment, if it has one.
+
+    The low edge is stated as a time constant in s or in Hz (or DC), by the head of its column.
+    """
+    heads = [
+        k for k, line in enumerate(comment) if "Low Cutoff [" in line and "High Cutoff [" in line
+    ]
+    for head in heads:
+        columns = re.split(r"\s{2,}", comment[head].strip())
+        low = next(k for k, cell in enumerate(columns) if cell.startswith("Low Cutoff ["))
+        for line in comment[head + 1 :]:
+            cells = re.split(r"\s{2,}", line.strip())
+            if len(cells) > low + 1 and cells[0].isdecimal() and cells[1] == name:
+                edges = [float(c) if NUMBER.fullmatch(c) else 0.0 for c in cells[low : low + 2]]
+                if "[s]" in columns[low] and edges[0] > 0.0:
+                    edges[0] = 1.0 / (2.0 * np.pi * edges[0])
+                return stated_band(name, *edges)
+    return []
 
 
 def _sections(path: Path) -> dict[str, dict[str, str]]:
-    """Entries of a header or marker file by section, without comments."""
+    """Entries of a header or marker file by section; those of the comment are its lines."""
     data = path.read_bytes()
     if marked_encoding(data) not in (None, "utf-8-sig"):
         data = decoded(data, fallback="latin-1").encode()
@@ -97,10 +137,11 @@ def _sections(path: Path) -> dict[str, dict[str, str]]:
         line = line.strip()
         if line.startswith("[") and line.endswith("]"):
             entries = sections.setdefault(line[1:-1], {})
+        elif entries is sections.get("Comment"):
+            entries[line] = ""
         elif "=" in line and not line.startswith(";"):
             key, _, value = line.partition("=")
             entries.setdefault(key.strip(), value.strip())
-    sections.pop("Comment", None)
     return sections
 
 
@@ -134,11 +175,11 @@ def _companion(path: Path, name: str) -> Path | None:
 
 def _marked(
     path: Path, common: Mapping[str, str]
-) -> tuple[list[tuple[int, int, int | None]], dict[int, int]]:
+) -> tuple[list[tuple[int, int, int | None, str]], dict[int, int]]:
     """Intervals that markers call bad, and numbers of lost samples by the index that they precede.
 
-    An interval has its first sample, its end and its channel (None for all). Refuses a recording that
-    is not one continuous sequence of samples.
+    An interval has its first sample, its end, its channel (None for all) and its text. Refuses a
+    recording that is not one continuous sequence of samples.
     """
     kind, domain = common.get("SegmentationType", ""), common.get("DataType", "TIMEDOMAIN")
     if kind not in ("", "NOTSEGMENTED") or domain != "TIMEDOMAIN" or "AveragedSegments" in common:
@@ -147,7 +188,7 @@ def _marked(
             "the raw data."
         )
     markers = _companion(path, common.get("MarkerFile", ""))
-    bad: list[tuple[int, int, int | None]] = []
+    bad: list[tuple[int, int, int | None, str]] = []
     lost = dict[int, int]()
     if markers is None or not markers.is_file():
         return bad, lost
@@ -160,11 +201,13 @@ def _marked(
             )
         if loss := _LOST.fullmatch(entry):
             lost[int(loss[2]) - 1] = int(loss[1])
-        if cells[0].strip() == "Bad Interval" and len(cells) > 4:
+        text = cells[0].strip() if cells[0].strip() == "Bad Interval" else "".join(cells[1:2])
+        if len(cells) > 4 and (text == "Bad Interval" or is_bad_mark(text)):
             numbers = [cell.strip() for cell in cells[2:5]]
             if all(number.isascii() and number.isdigit() for number in numbers):
                 start, size, channel = map(int, numbers)
-                bad.append((max(start - 1, 0), start - 1 + size, channel - 1 if channel else None))
+                place = channel - 1 if channel else None
+                bad.append((max(start - 1, 0), start - 1 + size, place, text))
     return bad, lost
 
 

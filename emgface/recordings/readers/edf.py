@@ -23,12 +23,23 @@ from emgface.recordings.readers._build import (
     Part,
     assemble_parts,
     left_out,
+    left_out_by_rate,
     unique_labels,
     voltages,
 )
 from emgface.recordings.readers._edf_records import Records, out_of_range, records_of
-from emgface.recordings.readers._filters import bands_of_table, stated_filters
-from emgface.recordings.readers._flags import bad_rows, with_bad_samples, without_bad
+from emgface.recordings.readers._filters import (
+    bands_of_table,
+    filters_of_description,
+    stated_filters,
+)
+from emgface.recordings.readers._flags import (
+    bad_rows,
+    odd_status,
+    with_bad_samples,
+    with_bad_span,
+    without_bad,
+)
 from emgface.recordings.readers.bids_motion import motion_of_trial
 from emgface.recordings.timebase import TimeBase, of_blocks, of_rate, with_counter
 from emgface.schema.rules import one_line
@@ -48,6 +59,7 @@ class _Content(NamedTuple):
     device: str
     records: Records | None
     filters: list[str]
+    record: float  #: duration of a record [s]
 
 
 def is_recording(path: Path) -> bool:
@@ -83,7 +95,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
             units,
             {label: names[label] for label in labels if label in names},
         )
-        emg = _without_flagged(emg, content, base)
+        emg = _without_flagged(emg, content, base, labels)
     used = [i for i in keep if labels[i] not in emg.dropped]
     bands = stated_filters({labels[i]: content.filters[i] for i in used})
     if sidecars is not None:
@@ -91,6 +103,9 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     emg = emg._replace(dropped={**dropped, **emg.dropped}, findings=[*left, *bands, *emg.findings])
     if sidecars is not None:
         emg = without_bad(emg, "channel", bad_rows(sidecars.channels, labels), "channels.tsv")
+        odd = odd_status(sidecars.channels, [labels[i] for i in used], "channel", "channels.tsv")
+        texts = filters_of_description(sidecars.description, [labels[i] for i in used])
+        emg = emg._replace(findings=[*emg.findings, *odd, *texts])
     if sidecars is None:
         return assemble_parts([emg], device=content.device)
     motion = motion_of_trial(path, units)
@@ -120,9 +135,10 @@ def _time_base(
         if size * records.starts.size == stored:
             blocks = of_blocks(path.name, records.starts, size, rate, "the begins of its records")
             base = blocks.noting(base.notes) if blocks.gaps else base
-    if not base.gaps and sidecars is not None and sidecars.duration is not None:
-        n = min(stored, round(sidecars.duration * rate))  # the last record is padded
+    n = stored if sidecars is None else round(min(sidecars.duration or 1e9, 1e9) * rate)
+    if not base.gaps and 0 <= stored - n < content.record * rate:  # the last record is padded
         base = of_rate(path.name, n, rate, by="its header", others=others)
+    base = base if sidecars is None else base.noting(sidecars.pauses(bool(base.gaps)))
     n = base.stored
     same = {
         label: values[:n]
@@ -132,13 +148,10 @@ def _time_base(
     return with_counter(base, same, duration=None if sidecars is None else sidecars.duration)
 
 
-def _without_flagged(part: Part, content: _Content, base: TimeBase) -> Part:
+def _without_flagged(part: Part, content: _Content, base: TimeBase, labels: Sequence[str]) -> Part:
     """Replace samples that annotations or the status of the amplifier mark as bad."""
     for one in () if content.records is None else content.records.bad:
-        inside = (base.times >= one.start) & (base.times < one.start + max(one.duration, 0.0))
-        part = with_bad_samples(
-            part, "channel", base, inside[base.places], f"the annotation {one.text!r}"
-        )
+        part = with_bad_span(part, base, one.start, one.duration, one.text, "annotation", labels)
     same = {
         label: values[: base.stored]
         for label, values in zip(content.labels, content.values, strict=True)
@@ -180,7 +193,7 @@ def _of_one_rate(
     common = max(dict.fromkeys(rates), key=lambda rate: (rates.count(rate), rate))
     for i in kept:
         if content.rates[i] != common and i in voters:
-            dropped[labels[i]] = f"sampled at {content.rates[i]:g} Hz, the others at {common:g} Hz"
+            leave(left_out_by_rate(labels[i], content.rates[i], common))
         elif content.rates[i] != common:
             leave(left_out(labels[i], unit=units[i].strip()))
     return [i for i in kept if content.rates[i] == common], dropped, left
@@ -209,6 +222,7 @@ def _load(path: Path) -> _Content:
                 _device(opened),
                 records,
                 [signal.prefiltering for signal in signals],
+                float(opened.data_record_duration),
             )
             ranges = [(*signal.physical_range, *signal.digital_range) for signal in signals]
     except (ValueError, KeyError, IndexError, TypeError, ArithmeticError, Warning) as error:

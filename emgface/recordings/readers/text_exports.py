@@ -16,13 +16,20 @@ import xarray as xr
 
 from emgface.errors import DataError, EmgfaceError, UnitsError
 from emgface.recordings import exports
+from emgface.recordings.counters import counter_of
 from emgface.recordings.ends import doubtful_lines
 from emgface.recordings.exports import EXPORTS, head_of, layout_in, layout_of
 from emgface.recordings.exports.contract import Column, Export, delimiter_of
 from emgface.recordings.findings import Finding
 from emgface.recordings.kinds import kind_of_name
-from emgface.recordings.readers._build import Part, assemble_parts, unique_labels, voltages
-from emgface.recordings.timebase import TimeBase, of_rate, of_stamps
+from emgface.recordings.readers._build import (
+    Part,
+    assemble_parts,
+    left_out_by_rate,
+    unique_labels,
+    voltages,
+)
+from emgface.recordings.timebase import TimeBase, of_rate, of_stamps, with_counter
 from emgface.schema.units import quantity_of
 from emgface.texts import read_text, read_toml
 
@@ -123,16 +130,23 @@ def part_of(path: Path, export: Export, units: Mapping[str, str], lacking: str =
     dropped: dict[str, str] = {}
     left: list[Finding] = []
     signals: list[_Signal] = []
+    counters = {
+        label: column.values
+        for label, column in zip(labels, columns, strict=True)
+        if counter_of(column.values) is not None
+    }
     for label, column in zip(labels, columns, strict=True):
         if label in units:
             column = replace(column, unit=units[label])
-        if reason := left_out(column, units.get("emg")):
+        reason = left_out(column, units.get("emg"))
+        reason = reason or ("a counter of the samples, not EMG" if label in counters else "")
+        if reason:
             dropped[label] = reason
             kind = kind_of_name(column.label) or ""
             values = {"unit": column.unit.strip(), "type": kind, "why": reason}
             left.append(Finding("left_out", "channel", label, values))
             continue
-        base = _base(path, label, column)
+        base = with_counter(_base(path, label, column), _of_size(counters, column))
         signals.append(_Signal(label, column.unit, column.values, base))
     if not signals:
         if columns and all(reason == "has no unit" for reason in dropped.values()):
@@ -146,15 +160,23 @@ def part_of(path: Path, export: Export, units: Mapping[str, str], lacking: str =
     used = [signal for signal in signals if _same(signal.base.rate, chosen)]
     for signal in signals:
         if not _same(signal.base.rate, chosen):
-            dropped[signal.label] = (
-                f"sampled at {signal.base.rate:.7g} Hz on its own column of times, and the others at "
-                f"{chosen:.7g} Hz: export sensors of one rate, or resample it"
-            )
+            left.append(left_out_by_rate(signal.label, signal.base.rate, chosen))
+            dropped[signal.label] = left[-1].clause
     kept = {signal.label for signal in used}
     names = {label: old for label, old in names.items() if label in kept or label in dropped}
     part = _together(path, used, units, dropped, names)
     of_file = [replace(finding, kind="channel") for finding in export.findings]
+    of_file += _counted([column for column in columns if not left_out(column, units.get("emg"))])
     return part._replace(findings=[*of_file, *left, *part.findings])
+
+
+def _counted(columns: Sequence[Column]) -> list[Finding]:
+    """Finding on the first signal that has another number of samples than the header states."""
+    return [
+        Finding("sample_count", "channel", "", {"held": one.values.size, "stated": one.stated})
+        for one in columns
+        if one.stated is not None and one.stated != one.values.size
+    ][:1]
 
 
 def left_out(column: Column, unit: str | None = None) -> str:
@@ -171,6 +193,11 @@ def left_out(column: Column, unit: str | None = None) -> str:
     if not column.unit.strip() and unit is None:
         return "has no unit"
     return ""
+
+
+def _of_size(counters: Mapping[str, np.ndarray], column: Column) -> dict[str, np.ndarray]:
+    """Counters of the samples of a signal, which have as many."""
+    return {name: one for name, one in counters.items() if one.size == column.values.size}
 
 
 def _same(rate: float, other: float) -> bool:

@@ -14,17 +14,19 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from emgface.errors import DataError, listed
+from emgface.errors import DataError, UnitsError, listed
 from emgface.recordings.readers._build import (
     Part,
     assemble_parts,
+    left_out,
+    one_unit,
     position_array,
     unique_labels,
     voltages,
 )
 from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import parse_xdf
-from emgface.recordings.timebase import TimeBase, of_stamps
+from emgface.recordings.timebase import TimeBase, of_stamps, with_counter
 
 SUFFIXES = (".xdf",)
 FORMAT = "XDF"
@@ -112,9 +114,9 @@ def _require_whole(path: Path, stream: Mapping[str, Any]) -> None:
 
 
 def _time_base(path: Path, stream: Mapping[str, Any]) -> TimeBase:
-    """Instants of the samples by their time stamps, which jitter, and the nominal rate."""
+    """Instants of the samples by their time stamps, which jitter, the nominal rate, and counters."""
     nominal = float(stream["rate"])
-    return of_stamps(
+    base = of_stamps(
         f"{path.name}, stream {stream['name']!r}",
         stream["time"],
         nominal=nominal,
@@ -122,6 +124,10 @@ def _time_base(path: Path, stream: Mapping[str, Any]) -> TimeBase:
         jittered=nominal > 0,
         irregular=not nominal > 0,
     )
+    labels = unique_labels(
+        [_text(stream, i, "label") for i in range(stream["values"].shape[1])], "channel"
+    )[0]
+    return with_counter(base, dict(zip(labels, stream["values"].T, strict=True)))
 
 
 def _emg_channels(stream: Mapping[str, Any]) -> list[int]:
@@ -135,23 +141,39 @@ def _emg_channels(stream: Mapping[str, Any]) -> list[int]:
 
 
 def _emg(stream: Mapping[str, Any], base: TimeBase, units: Mapping[str, str]) -> Part:
-    """Channels of EMG, each converted from its own unit."""
+    """Channels of EMG, each converted from its own unit; the others of the stream are listed."""
     chosen = _emg_channels(stream)
-    labels, names = unique_labels([_text(stream, i, "label") for i in chosen], "channel")
+    count = stream["values"].shape[1]
+    every, names = unique_labels([_text(stream, i, "label") for i in range(count)], "channel")
+    labels = [every[i] for i in chosen]
+    for i, label in zip(chosen, labels, strict=True):
+        factor = _text(stream, i, "scaling_factor").strip()
+        if factor not in ("", "1", "1.0") and not {label, "emg"} & set(units):
+            raise UnitsError(
+                f"the channel {label!r} states scaling_factor = {factor} and the unit "
+                f"{_text(stream, i, 'unit')!r}; expected values in their unit: it is not known whether "
+                "they were multiplied by it, export them converted, or specify the unit of the stored "
+                "values by an entry in the table 'units' of the mapping."
+            )
     values = [stream["values"][:, i] for i in chosen]
     stated = [_text(stream, i, "unit") for i in chosen]
-    return voltages(values, labels, stated, base, units, names)
+    part = voltages(values, labels, stated, base, units, names)
+    left = [
+        left_out(every[i], kind=_text(stream, i, "type")) for i in range(count) if i not in chosen
+    ]
+    dropped = {finding.name: finding.clause for finding in left}
+    return part._replace(findings=[*part.findings, *left], dropped={**part.dropped, **dropped})
 
 
 def _markers(path: Path, stream: Mapping[str, Any], base: TimeBase, unit: str | None) -> Part:
     """Markers of a motion capture stream, with the three coordinates of each combined."""
-    places: dict[str, dict[str, int]] = {}
+    by_marker: dict[str, dict[str, int]] = {}
     for i, channel in enumerate(stream["channels"]):
         axis = channel.get("type", "").lower()
         if axis in _AXES:
             name = channel.get("marker") or channel.get("label", "")
-            places.setdefault(name, {})[axis] = i
-    whole = {name: axes for name, axes in places.items() if len(axes) == len(_AXES)}
+            by_marker.setdefault(name, {})[axis] = i
+    whole = {name: axes for name, axes in by_marker.items() if len(axes) == len(_AXES)}
     if not whole:
         raise DataError(
             f"{path.name}, stream {stream['name']!r}, does not describe a marker with three "
@@ -160,10 +182,13 @@ def _markers(path: Path, stream: Mapping[str, Any], base: TimeBase, unit: str | 
         )
     labels, names = unique_labels(list(whole), "marker")
     order = [[axes[axis] for axis in _AXES] for axes in whole.values()]
-    stated = _text(stream, order[0][0], "unit")
+    places = [column for columns in order for column in columns]
+    stated = one_unit(
+        [_text(stream, i, "unit") for i in places], unit, f"stream {stream['name']!r}"
+    )
     values = np.stack([stream["values"][:, columns].T for columns in order])
     data = position_array(values, labels, base, unit or stated)
-    dropped = {name: "lacks a coordinate" for name in places if name not in whole}
+    dropped = {name: "lacks a coordinate" for name in by_marker if name not in whole}
     return Part(data, {"position": stated}, dropped, names)
 
 
