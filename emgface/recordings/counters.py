@@ -55,7 +55,7 @@ def counter_of(
     size = int(np.median(sizes))
     if size < 2:
         return _counter(values, returns)
-    if ends.size * size < least or (sizes[1:-1] == size).mean() < WHOLE_PACKETS:
+    if ends.size * size < least or (sizes[1:-1] == size).sum() <= WHOLE_PACKETS * (ends.size - 2):
         return None
     packets = _counter(values[ends], returns)
     if packets is None:

@@ -181,10 +181,12 @@ def test_a_counter_that_returns_does_not_hide_that_the_loss_is_ambiguous(
     assert (AMBIGUOUS in first) is (AMBIGUOUS in message or "requires" in message)
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
     "values",
     [
         np.arange(1000) * 2 // 3,
+        np.repeat([0.0, 1.0], 500),
         np.cumsum(RNG.integers(0, 3, 1000)),
         np.sin(np.arange(1000)),
         np.zeros(1000),
