@@ -387,8 +387,8 @@ def test_filters_in_the_json_file_of_bids_are_compared_with_the_band_of_emg(
     sidecar = path.with_name(path.name.replace("emg.bdf", "emg.json"))
     sidecar.write_text(json.dumps(json.loads(sidecar.read_text()) | {kind: filters}))
     first = str(trial["channel"].values[0])
-    found = [f.code for f in findings_in(read_recording(path)) if f.name == first]
-    assert [code for code in found if code in ("processed", "prefiltered")] == codes
+    codes_of_first = [f.code for f in findings_in(read_recording(path)) if f.name == first]
+    assert [code for code in codes_of_first if code in ("processed", "prefiltered")] == codes
 
 
 @pytest.mark.parametrize(
@@ -404,6 +404,6 @@ def test_the_filters_in_the_comment_of_brainvision_are_compared(
         "2     DAO      2      0.001 mV      DC      150      Off",
     ]
     path.write_text(path.read_text() + "\n".join(rows) + "\n")
-    found = {f.name: f.values["what"] for f in with_code(read_recording(path), "prefiltered")}
-    assert found["DAO"] == "a low-pass of 150 Hz"
-    assert found["ZYG, left"].startswith("a high-pass of 99.47")
+    filters = {f.name: f.values["what"] for f in with_code(read_recording(path), "prefiltered")}
+    assert filters["DAO"] == "a low-pass of 150 Hz"
+    assert filters["ZYG, left"].startswith("a high-pass of 99.47")

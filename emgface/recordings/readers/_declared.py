@@ -64,10 +64,10 @@ def rates_of(numbers: dict[str, float]) -> dict[str, float]:
 def rates_in_lines(lines: Sequence[str]) -> dict[str, float]:
     """Sampling rates [Hz] that lines before a table state, such as ``%Sample Rate = 250.0 Hz``."""
     return {
-        f"the line {line.strip()[:60]!r}": float(found[1].replace(",", "."))
-        * (1e3 if found[2] else 1)
+        f"the line {line.strip()[:60]!r}": float(match[1].replace(",", "."))
+        * (1e3 if match[2] else 1)
         for line in lines
-        if (found := _IN_WORDS.search(line))
+        if (match := _IN_WORDS.search(line))
     }
 
 
