@@ -95,41 +95,23 @@ def _opening_figure(opening: xr.DataArray, title: str) -> "Figure":
 
 
 def teeth(face: xr.Dataset, out: Path) -> None:
-    """Protrusion with and without teeth, with every method and several stiffenings."""
-    tables, motion = [], {}
-    for method in METHODS:
-        backing = {name: between for name, between in BACKING.items() if between}
-        if method == "none":
-            backing = {name: between for name, between in BACKING.items() if not between}
-        table, simulated = protrude_lips(
-            face,
-            backing=backing,
-            method="constraint" if method == "none" else method,
-            stiffening=FACTORS,
-            progress=print,
-        )
-        table.insert(1, "contact", method)
-        tables.append(table)
-        motion |= {(name, method, factor): run for (name, factor), run in simulated.items()}
-    table = pd.concat(tables, ignore_index=True)
+    """Protrusion without contact, with that of the lips, and with teeth, for several stiffenings."""
+    table, motion = protrude_lips(face, stiffening=FACTORS, progress=print)
+    free = table["touching"] == "nothing"
+    table.insert(1, "contact", free.map({True: "none", False: "constraint"}))
     table.round(6).to_csv(out / "teeth.csv", index=False)
     print(table.round(3).to_string(index=False), flush=True)
     for factor in FACTORS:
         shown = {"rest": face["position"].values}
-        for (name, method, own), simulated in motion.items():
+        for (name, own), simulated in motion.items():
             if own == factor:
-                label = "no contact" if method == "none" else f"{name} ({method})"
+                label = name if BACKING[name] else "no contact"
                 shown[label] = simulated["node_position"].values[-1]
         title = (
             f"{face.attrs['name']}: orbicularis oris (peripheral) at 1, stiffening {factor:g} "
             "(simulated)"
         )
         shrink(draw_sections(face, shown, out / f"teeth-{factor:g}.png", title=title, dpi=70))
-        shown = {
-            name: position
-            for name, position in shown.items()
-            if name == "no contact" or name.endswith(f"({METHODS[-1]})")
-        }
         path = out / f"teeth-{factor:g}-outside.png"
         figure = states_figure(
             face, shown, title=title, views=("front", "left"), displacement=True, lips=True

@@ -121,6 +121,53 @@ def test_a_name_of_nothing_is_found(tmp_path: Path) -> None:
     assert missing(tmp_path) == {f"make.py: {name}" for name in wanted}
 
 
+def parameters(source: Path) -> dict[str, set[str]]:
+    """Names of the parameters of each function of a module that takes no others, and has no decorator."""
+    own = dict[str, set[str]]()
+    for node in ast.parse(source.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.FunctionDef) and not node.decorator_list and not node.args.kwarg:
+            own[node.name] = {a.arg for a in (*node.args.args, *node.args.kwonlyargs)}
+    return own
+
+
+def unknown_arguments(root: Path) -> set[str]:
+    """Keywords in calls of functions of these packages that the function does not have."""
+    of_module, wrong = dict[Path, dict[str, set[str]]](), set[str]()
+
+    def signatures(source: Path) -> dict[str, set[str]]:
+        if source not in of_module:
+            of_module[source] = parameters(source) if source.exists() else {}
+        return of_module[source]
+
+    for path in sorted(p for p in root.rglob("*.py") if not {".venv", "build"} & set(p.parts)):
+        tree, known = ast.parse(path.read_text(encoding="utf-8")), dict(signatures(path))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in OWN:
+                there = signatures(source_of(root, node.module or ""))
+                known |= {a.asname or a.name: there[a.name] for a in node.names if a.name in there}
+        for name in bound(tree) - set(signatures(path)):
+            known.pop(name, None)
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                given = {k.arg for k in node.keywords if k.arg}
+                for name in given - known.get(node.func.id, given):
+                    wrong.add(f"{path.relative_to(root).as_posix()}: {node.func.id}({name}=...)")
+    return wrong
+
+
+def test_every_keyword_is_one_of_the_function(root: Path) -> None:
+    """A study called a function with a parameter that was gone, after a quarter of an hour."""
+    assert not unknown_arguments(root)
+
+
+def test_a_keyword_of_nothing_is_noticed(tmp_path: Path) -> None:
+    (tmp_path / "emgface").mkdir()
+    (tmp_path / "emgface" / "one.py").write_text("def here(a, *, b=1): ...\n")
+    text = "from emgface.one import here\nhere(a=1, b=2)\nhere(1, c=3)\n"
+    (tmp_path / "emgface" / "two.py").write_text(text)
+    assert unknown_arguments(tmp_path) == {"emgface/two.py: here(c=...)"}
+
+
 WITHOUT_MEANING = {"found", "told", "held", "beside", "of"}
 """Names that do not say what is found, told, held or meant."""
 
