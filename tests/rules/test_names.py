@@ -122,7 +122,7 @@ def test_a_name_of_nothing_is_found(tmp_path: Path) -> None:
 
 
 def parameters(source: Path) -> dict[str, set[str]]:
-    """Names of the parameters of each function of a module that takes no others, and has no decorator."""
+    """Parameters of the functions of a module without `**` and without a decorator."""
     own = dict[str, set[str]]()
     for node in ast.parse(source.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.FunctionDef) and not node.decorator_list and not node.args.kwarg:
