@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from analysis.cube import MARKER_DIMS
+from analysis.cube import MARKER_DIMS, TRIAL_DIMS
 from analysis.errors import StatisticsError
 from analysis.statistics.scope import told_scope, too_few_volunteers
 from analysis.tables import TABLE_UNITS, origin_of
@@ -90,10 +90,11 @@ def fisher_z(rho: xr.DataArray, *, limit: float = LIMIT) -> xr.DataArray:
     return rho.copy(data=np.arctanh(np.clip(values, -limit, limit))).assign_attrs(units="1")
 
 
-def require_sound(cube: xr.Dataset, variable: str) -> None:
-    """Raise StatisticsError for labels that occur twice, and infinite values of scored trials.
+def sound_cube(cube: xr.Dataset, variable: str) -> xr.Dataset:
+    """Return a cube with its trials in the order of their names, on which random draws depend.
 
-    Values that are undefined are NaN; an infinite one is the result of a division by zero elsewhere.
+    Raises StatisticsError for labels that occur twice, and infinite values of scored trials. Values
+    that are undefined are NaN; an infinite one is the result of a division by zero elsewhere.
     """
     for dim in MARKER_DIMS:
         labels = [str(label) for label in cube[dim].values] if dim in cube.coords else []
@@ -110,6 +111,8 @@ def require_sound(cube: xr.Dataset, variable: str) -> None:
                 f"{variable} is infinite in {int(infinite.sum())} scored trials and markers, expected "
                 "numbers, or NaN where it is undefined: repair the cube"
             )
+    ordered = [dim for dim in TRIAL_DIMS[:3] if dim in cube.indexes]
+    return cube.sortby(ordered) if ordered else cube
 
 
 def on_scale(cube: xr.Dataset, variable: str, scale: Scale, limit: float) -> xr.DataArray:
@@ -125,7 +128,7 @@ def on_scale(cube: xr.Dataset, variable: str, scale: Scale, limit: float) -> xr.
         raise StatisticsError(
             f"{variable} lacks the dim {names(lacking)}: keep it by selecting with a list"
         )
-    require_sound(cube, variable)
+    cube = sound_cube(cube, variable)
     data = cube[variable].where(status_of(cube) == "ok")
     data = data.where(np.isfinite(data)).transpose(*MARKER_DIMS, ...)
     return fisher_z(data, limit=limit) if scale == "z" else data

@@ -11,7 +11,7 @@ from analysis.cube import TRIAL_DIMS
 from analysis.errors import StatisticsError
 from analysis.statistics.bootstrap import replicates, tails
 from analysis.statistics.finding import check_level
-from analysis.statistics.paired import Array, require_sound
+from analysis.statistics.paired import Array, sound_cube
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.tables import origin_of
 from analysis.typed import status_of
@@ -58,7 +58,7 @@ def against_baselines(
     outside its range.
     """
     check_level(level)
-    require_sound(cube, "rho")
+    cube = sound_cube(cube, "rho")
     count("the number of bootstrap samples", draws, least=1)
     generator(seed)  # errors before the first step
     if not has_baselines(cube):

@@ -23,7 +23,7 @@ from analysis.tables import Table
 OTHERS = {
     "scored_values", "cube_with_formants", "complete", "with_baselines", "has_baselines",
     "reference_cube", "status_of", "further_axes", "of_incisor", "has_incisor", "levels_of",
-    "formant_table", "formant_plot", "require_sound", "fisher_z", "described", "as_table",
+    "formant_table", "formant_plot", "sound_cube", "fisher_z", "described", "as_table",
 }  # fmt: skip
 MORE = {
     "on_scale": {"variable": "rho", "scale": "z", "limit": 0.9999},
