@@ -11,7 +11,7 @@ from emgface.cli.console import show_warnings_as_sentences
 from emgface.errors import EmgfaceError
 
 ARCHIVES: dict[str, dict[str, tuple[str, ...]]] = {
-    "research-2026-11": {
+    "b11a4377": {
         "head": ("held", "led", "led_single", "published"),
         "intervals": (),
         "inverse": (),
@@ -24,7 +24,7 @@ ARCHIVES: dict[str, dict[str, tuple[str, ...]]] = {
         "pursed_lips": (),
         "recovery": (),
     },
-    "research-2026-11b": {
+    "9c2599bc": {
         "acoustics": ("checks", "folds", "head", "lips", "ranges", "stiffening"),
         "calibration": (),
         "contact_rules": (),
@@ -40,19 +40,19 @@ ARCHIVES: dict[str, dict[str, tuple[str, ...]]] = {
         "tongue_limits": (),
     },
 }
-"""Tags of git with finished research, whose pages and figures are kept: archived measurements.
+"""Commits with finished research, whose pages and figures are kept: archived measurements.
 
 Of those that continue to exist, the archived values of ``--part``.
 """
 
 
 def archived(words: list[str]) -> str:
-    """Tag of git that contains the measurement of these words, empty for those that are here."""
+    """Commit that contains the measurement of these words, empty for those that are here."""
     name, rest = words[0].replace("-", "_"), set(words[1:])
-    for tag, measured in ARCHIVES.items():
+    for commit, measured in ARCHIVES.items():
         parts = measured.get(name)
         if parts is not None and (not parts or rest & set(parts)):
-            return tag
+            return commit
     return ""
 
 
@@ -72,9 +72,9 @@ def run(arguments: list[str]) -> None:
     """Run the measurement that the first argument names, or list them all."""
     known = measurements()
     name = arguments[0].replace("-", "_") if arguments else ""
-    if arguments and (tag := archived(arguments)):
+    if arguments and (commit := archived(arguments)):
         print(
-            f"{name} is finished research, archived with its results: 'git checkout {tag}' and run the "
+            f"{name} is finished research, archived with its results: 'git checkout {commit}' and run the "
             "same command there",
             file=sys.stderr,
         )

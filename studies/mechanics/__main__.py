@@ -77,7 +77,7 @@ The tables list the largest sigma_max (kPa), from a grid of 25 to 1000 kPa, at w
 inverts when one muscle pair alone or all twenty muscles together are activated. The tables refer to
 the reference face; the activation rises from 0 to 1 in 0.1 s and is then held, and the steps are
 10 ms long. The value 0 means that elements invert even at 25 kPa, and the value 1000 is the end of
-the grid. `python -m benchmarks survival` (git tag `research-2026-11b`) writes `survival.csv`, which
+the grid. `python -m benchmarks survival` (commit `9c2599bc`) writes `survival.csv`, which
 contains all attempts.
 
 {survival}

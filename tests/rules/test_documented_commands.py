@@ -3,6 +3,7 @@
 import ast
 import re
 import shlex
+import subprocess
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 import pytest
 from typer.main import get_command
 
-from benchmarks.__main__ import archived, measurements
+from benchmarks.__main__ import ARCHIVES, archived, measurements
 from emgface.cli import app
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -63,7 +64,7 @@ def commands() -> list[tuple[str, list[str]]]:
 
 
 def wrong(words: list[str]) -> str:
-    """Return a message about the first name that the parsers do not know, or the tag of an archive."""
+    """Return a message about the first name that the parsers do not know, or the commit of an archive."""
     if words[0] == "emgface":
         command: Any = whole()
         rest = words[1:]
@@ -81,8 +82,8 @@ def wrong(words: list[str]) -> str:
         if module == "benchmarks":
             if not rest or rest[0].startswith("-") or rest[0].isupper():
                 return ""
-            if tag := archived([word.rstrip(".,:;)") for word in rest]):
-                return tag
+            if commit := archived([word.rstrip(".,:;)") for word in rest]):
+                return commit
             name, rest = rest[0].replace("-", "_"), rest[1:]
             if name not in known_measurements():
                 return f"no measurement {name}"
@@ -130,14 +131,28 @@ def test_every_documented_command_exists() -> None:
         ("emgface study nothing out", "no command nothing"),
         ("emgface build face --out face.nc", ""),
         ("python -m benchmarks nothing", "no measurement nothing"),
-        ("python -m benchmarks jaw --part posterior --samples 9", "research-2026-11"),
-        ("python -m benchmarks jaw --part pull", "research-2026-11b"),
+        ("python -m benchmarks jaw --part posterior --samples 9", "b11a4377"),
+        ("python -m benchmarks jaw --part pull", "9c2599bc"),
         ("python -m benchmarks locking --body cook --points 3", "no option --points"),
         ("python -m studies.coupled --part closing", ""),
     ],
 )
 def test_commands_that_do_not_exist_are_found(command: str, why: str) -> None:
     assert wrong(command.split()) == why
+
+
+@pytest.mark.parametrize("commit", ARCHIVES)
+def test_archived_measurements_are_in_the_history(commit: str) -> None:
+    """Pages named tags that no clone contained, so that 'git checkout' failed."""
+    git = ["git", "-C", str(ROOT), "-c", "safe.directory=*"]
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a clone of the repository")
+    past = [*git, "merge-base", "--is-ancestor", commit, "HEAD"]
+    assert subprocess.run(past, capture_output=True).returncode == 0
+    listed = [*git, "ls-tree", "--name-only", commit, "benchmarks/"]
+    names = subprocess.run(listed, capture_output=True, text=True, check=True).stdout.split()
+    there = {name.removeprefix("benchmarks/").removesuffix(".py") for name in names}
+    assert set(ARCHIVES[commit]) <= there
 
 
 def test_every_command_in_a_message_exists() -> None:
