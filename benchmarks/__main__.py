@@ -74,8 +74,8 @@ def run(arguments: list[str]) -> None:
     name = arguments[0].replace("-", "_") if arguments else ""
     if arguments and (commit := archived(arguments)):
         print(
-            f"{name} is finished research, archived with its results: 'git checkout {commit}' and run the "
-            "same command there",
+            f"{name} is finished research, archived with its results: 'git checkout {commit}' and run "
+            "the same command there",
             file=sys.stderr,
         )
         raise SystemExit(2)

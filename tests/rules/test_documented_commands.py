@@ -64,7 +64,7 @@ def commands() -> list[tuple[str, list[str]]]:
 
 
 def wrong(words: list[str]) -> str:
-    """Return a message about the first name that the parsers do not know, or the commit of an archive."""
+    """Message about the first name that the parsers do not know, or the commit of an archive."""
     if words[0] == "emgface":
         command: Any = whole()
         rest = words[1:]
