@@ -127,8 +127,8 @@ def require_rest(settled: xr.Dataset, face: xr.Dataset, parameters: SimulationPa
     """
     if not isinstance(settled, xr.Dataset) or "node_position" not in settled:  # pyright: ignore[reportUnnecessaryIsInstance]
         raise FaceError(
-            f"the equilibrium is of type {type(settled).__name__}, expected a Dataset with "
-            "node_position: pass the result of `settle_face`, or omit it"
+            f"a {type(settled).__name__} is passed as an equilibrium, expected node_position in a "
+            "Dataset: pass the result of `settle_face`, or omit it"
         )
     require_face(settled.attrs, face, "equilibrium")
     text = settled.attrs.get(REST_ATTRIBUTE)
