@@ -24,6 +24,7 @@ def treat(
     ] = None,
 ) -> None:
     """Treat a face or a jaw by a plan: excise, close, weaken, resect. Not for treatment decisions."""
+    import emgface as ef
     from emgface.anatomy.checked import read_model
     from emgface.api.given import simulation_of, study_of
     from emgface.face.file import load_face, save_face
@@ -31,14 +32,14 @@ def treat(
     from emgface.schema.netcdf import kind_of, write_netcdf
     from emgface.treatment.facts import facts_of_report
     from emgface.treatment.plan import NOT_VALIDATED, read_plan
-    from emgface.treatment.treat import treat_face, treat_jaw
+    from emgface.treatment.treat import treat_face
 
+    chosen: dict[str, Any] = {} if sigma_max is None else {"sigma_max": sigma_max}
     if model.is_file() and kind_of(model) == "jaw_model":
         given = read_model(model, "jaw_model")
-        treated = treat_jaw(given, read_plan(plan))
+        treated = ef.treat(given, plan, **chosen)
         write_netcdf(treated, out_path, "jaw_model")
     else:
-        chosen: dict[str, Any] = {} if sigma_max is None else {"sigma_max": sigma_max}
         parameters = simulation_of(study_of(None).simulation, None, chosen)
         announce_compilation()
         given = load_face(model)

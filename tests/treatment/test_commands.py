@@ -7,11 +7,13 @@ import xarray as xr
 from typer.testing import CliRunner
 
 import emgface as ef
+from emgface.anatomy.jaw.template import template_jaw
 from emgface.choices import configure
 from emgface.cli import app
 from emgface.errors import DataError
 from emgface.face.file import load_face, save_face
 from emgface.run.digest import dataset_digest
+from emgface.schema.netcdf import write_netcdf
 from emgface.treatment import dose, jaw_outcomes
 from emgface.treatment.motions import recorded
 from emgface.treatment.outcomes import OUTCOMES
@@ -47,6 +49,17 @@ def test_lengths_that_may_be_in_cm_are_reported(coarse, tmp_path):
             centre=(0.0, 50.0, 0.0), margin=0.5), Wedge(scar={"radius": 0.3})):  # fmt: skip
         assert len(step.doubts()) == 1, step
     assert not Wedge(width=3.0).doubts() and not Wedge(width=0.0, scar=None).doubts()
+
+
+def test_the_stress_of_tissue_is_refused_for_a_jaw(tmp_path):
+    """The function refused it, and the command left it out without a word."""
+    jaw = write_netcdf(template_jaw(), tmp_path / "jaw.nc", "jaw_model")
+    (tmp_path / "plan.toml").write_text('[[step]]\nkind = "resection"\n', encoding="utf-8")
+    words = ("treat", tmp_path / "plan.toml", jaw, "--out", tmp_path / "resected.nc")
+    result = done(*words, "--sigma-max", "1e5")
+    assert "sigma_max was specified for a jaw" in str(result.exception) + result.output
+    assert not (tmp_path / "resected.nc").exists()
+    assert done(*words).exit_code == 0
 
 
 def test_a_step_is_reported_with_the_muscles_that_it_weakens(coarse, tmp_path):
