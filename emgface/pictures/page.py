@@ -387,9 +387,9 @@ def viewer_script(page: str | None = None) -> str:
     return text
 
 
-def resource(name: str) -> str:
-    """Text of a file of this package."""
-    return files("emgface.pictures").joinpath(name).read_text(encoding="utf-8")
+def resource(name: str, package: str = "emgface.pictures") -> str:
+    """Text of a file of a package."""
+    return files(package).joinpath(name).read_text(encoding="utf-8")
 
 
 def as_json(value: Any) -> Markup:
