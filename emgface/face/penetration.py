@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from emgface.face.closed import open_edges
 from emgface.face.lips import exposed, lining, lip_surface
 from emgface.face.parts import FREE, LIPS, MANDIBLE, arches_of
 from emgface.face.surface import nearest_on_triangles, winding_number
@@ -35,7 +36,8 @@ def depths(points: Floats, corners: Floats) -> Floats:
 class Penetration:
     """Depths of the lips in each other and of the lining in the teeth of one face.
 
-    Teeth are included if the face has closed arches. Errors as of `emgface.face.lips.lip_surface`.
+    A depth in teeth requires closed arches: it is NaN in open ones, as of `bones = "patch"` of an import,
+    which have no inside, and 0 without arches. Errors as of `emgface.face.lips.lip_surface`.
     """
 
     def __init__(self, face: xr.Dataset) -> None:
@@ -43,7 +45,9 @@ class Penetration:
         self._shown = [exposed(face, lip) for lip in self._lips]
         nodes = [np.unique(lip) for lip in self._lips]
         self._own = [np.setdiff1d(nodes[0], nodes[1]), np.setdiff1d(nodes[1], nodes[0])]
-        self._arches = arches_of(face)
+        arches = arches_of(face)
+        self._arches = [arch for arch in arches if not len(open_edges(arch.triangles))]
+        self._open = len(self._arches) < len(arches)
         touching = np.unique(lining(face)) if self._arches else np.empty(0, dtype=np.int64)
         self._lining = touching[face["fixed"].values[touching] == FREE]
         self._rest = self._in_teeth(face["position"].values)
@@ -56,6 +60,8 @@ class Penetration:
 
     def teeth(self, q: Floats) -> float:
         """Largest depth of a node of lips and cheeks in the teeth, beyond that at rest [m]."""
+        if self._open:
+            return float("nan")
         increase = [now - rest for now, rest in zip(self._in_teeth(q), self._rest, strict=True)]
         return max((float(deeper.max(initial=0.0)) for deeper in increase), default=0.0)
 

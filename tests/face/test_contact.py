@@ -148,6 +148,8 @@ def test_depth_of_a_face_starts_at_rest(face: xr.Dataset) -> None:
     assert penetration.at_rest() == {"maxilla": (0, 0.0), "mandible": (0, 0.0)}
     assert penetration.lips(X) == penetration.teeth(X) == 0.0
     assert 1e-3 < penetration.teeth(X - [0.0, 3e-3, 0.0]) < 3e-3
+    patch = face.isel(arch_facet=slice(1, None))  # an open surface has no inside; it gave depths
+    assert np.isnan(Penetration(patch).teeth(X - [0.0, 3e-3, 0.0]))
     lips = X.copy()
     lips[np.unique(lip_surface(face, LIPS[0])), 2] -= 6e-3
     assert 1e-3 < penetration.lips(lips) < 6e-3
