@@ -36,8 +36,8 @@ def depths(points: Floats, corners: Floats) -> Floats:
 class Penetration:
     """Depths of the lips in each other and of the lining in the teeth of one face.
 
-    A depth in teeth requires closed arches: it is NaN in open ones, as of `bones = "patch"` of an import,
-    which have no inside, and 0 without arches. Errors as of `emgface.face.lips.lip_surface`.
+    A depth in teeth requires closed arches: it is NaN in open ones, as of `bones = "patch"` of an
+    import, which have no inside, and 0 without arches. Errors as of `emgface.face.lips.lip_surface`.
     """
 
     def __init__(self, face: xr.Dataset) -> None:
