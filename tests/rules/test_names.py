@@ -121,20 +121,21 @@ def test_a_name_of_nothing_is_found(tmp_path: Path) -> None:
     assert missing(tmp_path) == {f"make.py: {name}" for name in wanted}
 
 
-def parameters(source: Path) -> dict[str, set[str]]:
-    """Parameters of the functions of a module without `**` and without a decorator."""
-    own = dict[str, set[str]]()
+def parameters(source: Path) -> dict[str, tuple[set[str], float]]:
+    """Parameters, and number of those by position, of functions without `**` and without a decorator."""
+    own = dict[str, tuple[set[str], float]]()
     for node in ast.parse(source.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.FunctionDef) and not node.decorator_list and not node.args.kwarg:
-            own[node.name] = {a.arg for a in (*node.args.args, *node.args.kwonlyargs)}
+            most = float("inf") if node.args.vararg else len(node.args.args)
+            own[node.name] = {a.arg for a in (*node.args.args, *node.args.kwonlyargs)}, most
     return own
 
 
 def unknown_arguments(root: Path) -> set[str]:
-    """Keywords in calls of functions of these packages that the function does not have."""
-    of_module, wrong = dict[Path, dict[str, set[str]]](), set[str]()
+    """Arguments in calls of functions of these packages that the function does not have."""
+    of_module, wrong = dict[Path, dict[str, tuple[set[str], float]]](), set[str]()
 
-    def signatures(source: Path) -> dict[str, set[str]]:
+    def signatures(source: Path) -> dict[str, tuple[set[str], float]]:
         if source not in of_module:
             of_module[source] = parameters(source) if source.exists() else {}
         return of_module[source]
@@ -148,10 +149,15 @@ def unknown_arguments(root: Path) -> set[str]:
         for name in bound(tree) - set(signatures(path)):
             known.pop(name, None)
         for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-                given = {k.arg for k in node.keywords if k.arg}
-                for name in given - known.get(node.func.id, given):
-                    wrong.add(f"{path.relative_to(root).as_posix()}: {node.func.id}({name}=...)")
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)):
+                continue
+            names, most = known.get(called := node.func.id, (set[str](), float("inf")))
+            given = {f"{k.arg}=..." for k in node.keywords if k.arg and called in known}
+            given -= {f"{name}=..." for name in names}
+            if sum(not isinstance(a, ast.Starred) for a in node.args) > most:
+                given.add(f"{len(node.args)} arguments")
+            here = path.relative_to(root).as_posix()
+            wrong |= {f"{here}: {called}({what})" for what in given}
     return wrong
 
 
@@ -163,9 +169,10 @@ def test_every_keyword_is_one_of_the_function(root: Path) -> None:
 def test_a_keyword_of_nothing_is_noticed(tmp_path: Path) -> None:
     (tmp_path / "emgface").mkdir()
     (tmp_path / "emgface" / "one.py").write_text("def here(a, *, b=1): ...\n")
-    text = "from emgface.one import here\nhere(a=1, b=2)\nhere(1, c=3)\n"
+    text = "from emgface.one import here as there\nthere(a=1, b=2)\nthere(1, c=3)\nthere(1, 2)\n"
     (tmp_path / "emgface" / "two.py").write_text(text)
-    assert unknown_arguments(tmp_path) == {"emgface/two.py: here(c=...)"}
+    expected = {"emgface/two.py: there(c=...)", "emgface/two.py: there(2 arguments)"}
+    assert unknown_arguments(tmp_path) == expected
 
 
 WITHOUT_MEANING = {"found", "told", "held", "beside", "of"}
