@@ -142,7 +142,7 @@ def test_landmarks_that_cannot_be_right_are_named(generic, person, name):
 
 def test_a_scan_in_another_frame_or_inside_out_is_noticed(generic, person):
     skin = person.surface()
-    with pytest.raises(FitError, match="mm from"):
+    with pytest.raises(FitError, match="landmarks lie off"):
         fit_face(generic, person.landmarks, skin=(skin.points * [-1, -1, 1], skin.triangles))
     fit = fit_face(generic, person.landmarks, skin=(skin.points, skin.triangles[:, ::-1]))
     assert any("turned" in note for note in fit.notes)

@@ -206,7 +206,9 @@ def test_a_folder_with_the_name_of_a_result_is_an_error(tmp_path: Path, suffix: 
     path = store.get_or_compute(STAGE, {}, {}, Doubling()).path.with_suffix(suffix)
     path.unlink()
     path.mkdir()
-    with pytest.raises(StoreError, match="Cannot write|cannot be written .Is a directory.: make"):
+    with pytest.raises(
+        StoreError, match="is a folder, expected the name|cannot be written .Is a directory.: make"
+    ):
         store.get_or_compute(STAGE, {}, {}, Doubling())
 
 
