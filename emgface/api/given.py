@@ -128,7 +128,9 @@ def face_of(given: Data | None, study: "StudyConfiguration") -> xr.Dataset:
         return study_face(study.face)
     if not isinstance(given, xr.Dataset):
         return load_face(path_of(given, "a face model"))
-    return check_face(usable(given, "face_model"))
+    checked = check_face(usable(given, "face_model"))
+    # a face that needs no change is itself, as a plan without effect returns it
+    return given if not given.chunks and checked.identical(given) else checked
 
 
 def changed(model: ModelT, tables: Mapping[str, Any], where: str) -> ModelT:
