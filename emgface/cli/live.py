@@ -279,7 +279,7 @@ def _conclude(session: "LiveSession", log: Path | None, source: str) -> None:
     from emgface.files import write_text
     from emgface.reduced.live import live_summary
     from emgface.schema.netcdf import write_netcdf
-    from emgface.view.live import FRAME_NUMBERS
+    from emgface.view.frames import FRAME_NUMBERS
 
     if not len(session.log.rows):
         return

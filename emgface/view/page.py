@@ -17,7 +17,7 @@ from emgface.pictures.page import resource as packaged
 from emgface.pictures.render import VIEWS
 from emgface.pictures.suture import treatment_words
 from emgface.view.curves import Curves
-from emgface.view.live import FRAME_NUMBERS
+from emgface.view.frames import FRAME_NUMBERS
 from emgface.view.moving import Moving
 from emgface.view.workspace import Workspace
 

@@ -150,6 +150,18 @@ def test_lost_packets_of_opensignals_are_gaps(tmp_path: Path) -> None:
     assert missing[:, 200:205].all() and missing.sum() == 5 * len(missing)
 
 
+def test_a_sequence_number_that_stands_still_is_refused(tmp_path: Path) -> None:
+    """Without counts, lost packets cannot be noticed."""
+    truth = made("OpenSignals", 1, tmp_path)
+    lines = truth.path.read_bytes().decode("utf-8-sig", "replace").splitlines()
+    if "nSeq" not in "".join(lines[:3]):
+        lines = truth.path.read_text(encoding="utf-16").splitlines()
+    rows = ["\t".join(["0", *line.split("\t")[1:]]) for line in lines[3:]]
+    truth.path.write_text("\n".join(lines[:3] + rows) + "\n")
+    with pytest.raises(DataError, match="sequence number 0 in every row"):
+        read_recording(truth.path)
+
+
 def test_counts_without_a_transfer_function_need_a_sidecar(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     header = {"x": {"sensor": ["RAW"], "column": ["nSeq", "DI", "CH1"], "label": ["CH1"],

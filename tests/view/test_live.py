@@ -17,7 +17,8 @@ from emgface.muscles import CHANNELS, MUSCLES
 from emgface.pictures.encoding import QUANTUM
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.view.curves import Curves
-from emgface.view.live import FRAME_NUMBERS, STILL_SENTENCE, Semg, frame_of
+from emgface.view.frames import FRAME_NUMBERS, frame_of
+from emgface.view.live import STILL_SENTENCE, Semg
 from emgface.view.moving import FullMoving
 from tests.view.sessions import STEP, Asking, Page, Shifted, Waiting, session_of
 

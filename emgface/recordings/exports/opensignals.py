@@ -70,7 +70,7 @@ def read(path: Path, text: str, head: Sequence[str]) -> Export:
     columns: list[Column] = []
     first = 0
     for device in devices:
-        columns += _signals(block, device, first, len(devices) > 1)
+        columns += _signals(path, block, device, first, len(devices) > 1)
         first += len(device.columns)
     return Export(columns, ", ".join(device.name for device in devices))
 
@@ -103,11 +103,16 @@ def _texts(header: Mapping[str, Any], key: str) -> list[str]:
     return [str(one) for one in value] if isinstance(value, list) else []
 
 
-def _signals(block: Block, device: _Device, first: int, several: bool) -> list[Column]:
+def _signals(path: Path, block: Block, device: _Device, first: int, several: bool) -> list[Column]:
     columns: list[Column] = []
     if device.columns[0].lower() == "nseq":
-        why = "sequence number of the samples"
-        columns.append(Column(device.columns[0], "", block.numbers(first), device.rate, None, why))
+        why, numbers = "sequence number of the samples", block.numbers(first)
+        if block.n_rows > 1 and numbers.min() == numbers.max():
+            raise DataError(
+                f"{path.name} has the sequence number {numbers[0]:g} in every row; expected counts, by "
+                "which lost samples are found: it is damaged, export it again."
+            )
+        columns.append(Column(device.columns[0], "", numbers, device.rate, None, why))
     start = first + len(device.columns) - len(device.channels)
     for k, label in enumerate(device.channels):
         values = np.array(block.numbers(start + k))
