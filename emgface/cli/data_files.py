@@ -62,7 +62,7 @@ def convert(
     paths: Annotated[
         list[Path], typer.Argument(help=f"Recordings, or folders of them: {FORMATS}.")
     ],
-    out_path: Annotated[Path, typer.Option("--out", help="Folder to write to.")],
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder to write to.")],
     to: Annotated[Target, typer.Option(help="Format to write.")] = Target.netcdf,
     mapping: MappingOption = None,
     notch: Annotated[
@@ -105,14 +105,14 @@ def convert(
     for file in given:
         try:
             recording = read_recording(file, mapping=mapping).assign_attrs(named)
-            target = named_file(out_path, file.stem, suffix=".nc").name
+            target = named_file(out_folder, file.stem, suffix=".nc").name
             if to == Target.bids:
                 given_names = bids_entities(recording)
                 target = "_".join(given_names.values())
                 start = file_name(given_names, "")
-                there = sorted(out_path.glob(f"sub-{given_names['sub']}/*/{start}*"))
+                there = sorted(out_folder.glob(f"sub-{given_names['sub']}/*/{start}*"))
             else:
-                there = [out_path / target]
+                there = [out_folder / target]
             if target in taken:
                 raise DataError(
                     f"{file} and {taken[target]} would both be written as {target}, expected "
@@ -125,9 +125,9 @@ def convert(
                 emg = remove_hum(recording["emg"], notch, width=notch_width)
                 recording = recording.assign(emg=emg)
             if to == Target.bids:
-                written = write_bids(recording, out_path, emg=filtered)[0]
+                written = write_bids(recording, out_folder, emg=filtered)[0]
             else:
-                written = write_recording(recording, out_path / target)
+                written = write_recording(recording, out_folder / target)
         except EmgfaceError as error:
             fail(error)
             n_bad += 1
@@ -135,7 +135,7 @@ def convert(
         say(f"{file.name}: wrote {written}.")
         if unseen := _unseen(recording):
             say(f"Warning: {file.name}: {unseen}.")
-    broken = bids_problems(out_path) if to == Target.bids and n_bad < len(given) else []
+    broken = bids_problems(out_folder) if to == Target.bids and n_bad < len(given) else []
     for sentence in broken:
         say(sentence)
     for folder in (path for path in paths if path.is_dir()):
@@ -166,7 +166,7 @@ def _unseen(recording: "xr.Dataset") -> str:
 
 def cut(
     path: Annotated[Path, typer.Argument(help=f"Recording of several repetitions: {FORMATS}.")],
-    out_path: Annotated[Path, typer.Option("--out", help="Folder to write the trials to.")],
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder to write the trials to.")],
     events: Annotated[
         Path | None,
         typer.Option(
@@ -217,7 +217,7 @@ def cut(
     for trial in trials:
         names = [str(trial.attrs.get(k, "")) for k in ("volunteer", "instruction", "repetition")]
         names[0] = names[0] or path.stem
-        targets.append(named_file(out_path, *names, suffix=".nc"))
+        targets.append(named_file(out_folder, *names, suffix=".nc"))
     from_events = [f"the trial from {float(t.attrs['cut_from'][0]):.4g} s on" for t in trials]
     origins = different_names(zip(targets, from_events, strict=True))
     new_files(origins, replace=replace, sources=[path])

@@ -45,7 +45,7 @@ def run(
     recordings: Annotated[
         list[Path], typer.Argument(help="Recordings of one trial each.", metavar="RECORDING...")
     ],
-    out_path: Annotated[
+    out_files: Annotated[
         Path,
         typer.Option(
             "--out",
@@ -103,8 +103,8 @@ def run(
     trust_of(variant, (), emg_weight)  # errors before the face is built
     form_of(form, contact)
     several = len(recordings) > 1
-    if not several and out_path.exists() and not force:
-        say(f"{out_path} exists and is kept: use --force to compute it again.")
+    if not several and out_files.exists() and not force:
+        say(f"{out_files} exists and is kept: use --force to compute it again.")
         return
     plan = study_of(study)
     if not contact:
@@ -122,7 +122,7 @@ def run(
     )
     known_mixing = None if mixing is None else read_mixing(mixing)
     given = _Inversion(
-        face_of(face, plan), plan, out_path, parameters, mapping, known, known_mixing
+        face_of(face, plan), plan, out_files, parameters, mapping, known, known_mixing
     )
     announce_compilation()
     if several:

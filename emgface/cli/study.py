@@ -49,7 +49,7 @@ def template(
 @app.command()
 def run(
     path: Annotated[Path, typer.Argument(help="Study file (TOML).")],
-    out_path: Annotated[Path, typer.Option("--out", help="Folder of the results.")],
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of the results.")],
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     store: Annotated[
@@ -76,13 +76,13 @@ def run(
 
     configuration = _as_accurate(load_study(path), accuracy)
     with executing(workers, scheduler) as chosen:
-        raise typer.Exit(_run(configuration, out_path, chosen, store, objects))
+        raise typer.Exit(_run(configuration, out_folder, chosen, store, objects))
 
 
 @app.command()
 def published(
     folder: Annotated[Path, typer.Argument(help="Folder with the recordings of the study.")],
-    out_path: Annotated[Path, typer.Option("--out", help="Folder of the results.")],
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of the results.")],
     mapping: MappingOption = None,
     offset: Annotated[
         float,
@@ -100,19 +100,19 @@ def published(
     """
     from emgface.study.published import join_recordings, published_study
 
-    joined = join_recordings(folder, out_path / "recordings", mapping=mapping, offset=offset)
+    joined = join_recordings(folder, out_folder / "recordings", mapping=mapping, offset=offset)
     for text in joined.omitted:
         say(f"Omitted: {text}")
-    say(f"Joined {len(joined.paths)} trials in {out_path / 'recordings'}.")
+    say(f"Joined {len(joined.paths)} trials in {out_folder / 'recordings'}.")
     changes: dict[str, dict[str, object]] = {"face": {}, "simulation": {}}
     if face is not None:
         changes["face"]["path"] = face.resolve()
     if not contact:
         changes["simulation"]["contact"] = {"method": "none"}
-    study = published_study(out_path / "recordings", **changes)
+    study = published_study(out_folder / "recordings", **changes)
     with executing(workers, scheduler) as chosen:
-        code = _run(_as_accurate(study, accuracy), out_path, chosen, None, None)
-    _beside_printed(out_path)
+        code = _run(_as_accurate(study, accuracy), out_folder, chosen, None, None)
+    _beside_printed(out_folder)
     raise typer.Exit(code)
 
 
@@ -144,14 +144,14 @@ def _as_accurate(configuration: "StudyConfiguration", accuracy: str | None) -> "
 
 def _run(
     configuration: "StudyConfiguration",
-    out_path: Path,
+    out_folder: Path,
     workers: "int | Workers",
     store: Path | None,
     objects: str | None,
 ) -> int:
     """Run a study, print its tables and return the exit code."""
     with graceful_stop() as stopping:
-        result, report = _results(configuration, out_path, workers, store, objects, stopping)
+        result, report = _results(configuration, out_folder, workers, store, objects, stopping)
     tell(report.summary)
     for sentence in report.meaning:
         tell(sentence)
@@ -163,7 +163,7 @@ def _run(
 
 def _results(
     configuration: "StudyConfiguration",
-    out_path: Path,
+    out_folder: Path,
     workers: "int | Workers",
     store: Path | None = None,
     objects: str | None = None,
@@ -177,14 +177,14 @@ def _results(
     with progress(f"study {configuration.name}") as bar:
         result = run_study(
             configuration,
-            out_path,
+            out_folder,
             workers=workers,
             observer=bar,
             store=store,
             objects=objects,
             stopping=stopping,
         )
-    return result, write_tables(result.cube, out_path)
+    return result, write_tables(result.cube, out_folder)
 
 
 def _code(result: "StudyResult", report: "Report") -> int:
@@ -261,7 +261,7 @@ def _wrote(page: "Page") -> None:
 
 
 def demo(
-    out_path: Annotated[Path, typer.Option("--out", help="Folder of the results.")] = Path(
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of the results.")] = Path(
         "emgface-demo"
     ),
     full: Annotated[
@@ -273,10 +273,10 @@ def demo(
     from emgface.run.runner import kept_processes
 
     with kept_processes(cores(), ("emgface.volunteers.simulate", "emgface.study.outcomes")):
-        raise typer.Exit(_demo(out_path, full, accuracy))
+        raise typer.Exit(_demo(out_folder, full, accuracy))
 
 
-def _demo(out_path: Path, full: bool, accuracy: str | None) -> int:
+def _demo(out_folder: Path, full: bool, accuracy: str | None) -> int:
     """Run the demonstration in the waiting processes and return the exit code."""
     from emgface.api.demonstration import SHORT, STRATEGY_WORDS, demo_study, demo_volunteers
     from emgface.face.file import save_face
@@ -284,37 +284,37 @@ def _demo(out_path: Path, full: bool, accuracy: str | None) -> int:
     from emgface.muscles import INSTRUCTIONS
     from emgface.study.file import study_face, study_template
 
-    plan = demo_study(out_path, instructions=tuple(INSTRUCTIONS) if full else SHORT)
+    plan = demo_study(out_folder, instructions=tuple(INSTRUCTIONS) if full else SHORT)
     plan, settings = _as_accurate(plan, accuracy), demo_volunteers()
     say(
         "Volunteers, sEMG and motion of this demonstration are simulated. The volunteers belong to the "
         f"{settings.world.label}: they differ from the assumptions of the study."
     )
     announce_compilation()
-    _simulate_volunteers(plan, settings, out_path)
-    save_face(study_face(plan.face), out_path / "face.nc")
-    write_text(out_path / "study.toml", study_template(plan))
-    result, tables = _results(plan, out_path / "study", cores())
+    _simulate_volunteers(plan, settings, out_folder)
+    save_face(study_face(plan.face), out_folder / "face.nc")
+    write_text(out_folder / "study.toml", study_template(plan))
+    result, tables = _results(plan, out_folder / "study", cores())
     tell(tables.summary)
     for name, meaning in STRATEGY_WORDS.items():
         tell(f"{name}: {meaning}.")
-    page = out_path / "report.html"
-    _page(out_path / "study", page, tables)
+    page = out_folder / "report.html"
+    _page(out_folder / "study", page, tables)
     say(
         "The page shows the face of the study as the sEMG of each volunteer moves it, and next to it "
         "the recorded lip markers, for every instruction and strategy. The score rho is the "
         "correlation of the two motions in space: 1 means that they are equal except for their size."
     )
     say(
-        f"To continue, change {out_path / 'study.toml'}, for example its strategies, and run "
-        f"'emgface study run {out_path / 'study.toml'} --out {out_path / 'changed'}'."
+        f"To continue, change {out_folder / 'study.toml'}, for example its strategies, and run "
+        f"'emgface study run {out_folder / 'study.toml'} --out {out_folder / 'changed'}'."
     )
     show_page(page)
     return _code(result, tables)
 
 
 def _simulate_volunteers(
-    plan: "StudyConfiguration", settings: "VolunteerParameters", out_path: Path
+    plan: "StudyConfiguration", settings: "VolunteerParameters", out_folder: Path
 ) -> None:
     """Write the recordings of the demonstration, unless they exist, and a page of the first trial."""
     from emgface.api.demonstration import volunteers_digest
@@ -322,7 +322,7 @@ def _simulate_volunteers(
     from emgface.report.first_motion import FirstMotion
     from emgface.volunteers.simulate import make_volunteers
 
-    folder = out_path / "volunteers"
+    folder = out_folder / "volunteers"
     mark, wanted = folder / "made_of.txt", volunteers_digest(plan, settings)
     n_files = len(list((folder / "recordings").glob("S??_?_1.nc")))
     made = mark.is_file() and mark.read_text(encoding="utf-8") == wanted
@@ -337,8 +337,8 @@ def _simulate_volunteers(
         say(f"{outcome} shows the motion of the first trial.")
         show_page(outcome)
 
-    page, at_same_time = out_path / "first.html", cores() > 1
-    first = FirstMotion(plan, out_path / "study", page, ready, threaded=at_same_time)
+    page, at_same_time = out_folder / "first.html", cores() > 1
+    first = FirstMotion(plan, out_folder / "study", page, ready, threaded=at_same_time)
 
     class Showing(Bar):
         """Progress bar that begins the page when the first recording exists."""

@@ -117,7 +117,7 @@ def gc(
 
 def export(
     folder: Folder,
-    out_path: Annotated[Path, typer.Option("--out", help="New folder.")],
+    out_folder: Annotated[Path, typer.Option("--out", help="New folder.")],
     without: Annotated[
         list[str], typer.Option(help="Stage to leave out, such as skin; may be repeated.")
     ] = [],  # noqa: B006
@@ -125,8 +125,8 @@ def export(
     """Copy a study with the results that it uses, to archive it or to continue it elsewhere."""
     from emgface.run.retention import export
 
-    count, size = export(folder, out_path, without=without)
-    tell(f"{count} results, {size / 1e6:.1f} MB, and the journal were copied to {out_path}.")
+    count, size = export(folder, out_folder, without=without)
+    tell(f"{count} results, {size / 1e6:.1f} MB, and the journal were copied to {out_folder}.")
 
 
 def reproduce(

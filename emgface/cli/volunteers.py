@@ -27,7 +27,7 @@ class Source(StrEnum):
 
 
 def volunteers(
-    out_path: Annotated[Path, typer.Option("--out", help="Folder to write to.")],
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder to write to.")],
     n: Annotated[int, typer.Option("--n", min=1, help="Number of volunteers.")] = 2,
     repetitions: Annotated[int, typer.Option(min=1, help="Repetitions per instruction.")] = 1,
     instructions: Annotated[str, typer.Option(help="Letters of the instructions.")] = "ABCDEF",
@@ -90,7 +90,7 @@ def volunteers(
     }
     with executing(workers, scheduler) as chosen, graceful_stop() as stopping:
         paths = _simulated(
-            out_path,
+            out_folder,
             world,
             given,
             face,
@@ -103,11 +103,11 @@ def volunteers(
             workers=chosen,
             stopping=stopping,
         )
-    _report(paths, out_path, form)
+    _report(paths, out_folder, form)
 
 
 def _simulated(
-    out_path: Path,
+    out_folder: Path,
     world: str,
     given: dict[str, Any],
     face: Path | None,
@@ -138,26 +138,26 @@ def _simulated(
     announce_compilation()
     with progress("simulated volunteers") as bar:
         return make_volunteers(
-            model, out_path, parameters=parameters, settings=settings, observer=bar, **design
+            model, out_folder, parameters=parameters, settings=settings, observer=bar, **design
         )
 
 
-def _report(paths: list[Path], out_path: Path, form: Form) -> None:
+def _report(paths: list[Path], out_folder: Path, form: Form) -> None:
     """Convert the recordings if requested, and print what was written."""
     from emgface.recordings.dataset import read_recording
     from emgface.volunteers.write import write_set_as_bids
 
     if form in (Form.bids, Form.both):
         with progress("BIDS"):
-            write_set_as_bids(paths, out_path / "bids", out_path / "truth")
-        say(f"Wrote {len(paths)} simulated trials to {out_path / 'bids'}, the true values to "
-            f"{out_path / 'truth'}.")  # fmt: skip
+            write_set_as_bids(paths, out_folder / "bids", out_folder / "truth")
+        say(f"Wrote {len(paths)} simulated trials to {out_folder / 'bids'}, the true values to "
+            f"{out_folder / 'truth'}.")  # fmt: skip
     if form == Form.bids:
         for path in paths:
             path.unlink()
         paths[0].parent.rmdir()
         return
     say(
-        f"Wrote {len(paths)} simulated recordings to {out_path / 'recordings'}, "
+        f"Wrote {len(paths)} simulated recordings to {out_folder / 'recordings'}, "
         f"{read_recording(paths[0]).attrs['world']}."
     )

@@ -14,13 +14,16 @@ _OWN = (
 )
 WRITTEN_OPTIONS = {
     "out_path": "--out",
+    "out_folder": "--out",
+    "out_files": "--out",
     "out_table": "--out",
     "wave": "--out",
     **{name: f"--{name}" for name in _OWN},
 }
 """Option of every parameter that states what a command writes; other paths are read."""
 
-FOLDER_PARAMETERS = ("out_path", "waypoints")  #: parameters that may name a folder
+FOLDER_PARAMETERS = ("out_folder", "out_files", "waypoints")
+"""Parameters that name a folder, or (`out_files`) a file or a folder; the others name a file."""
 
 _DATA = ".nc .h5 .hdf5 .mat .npz .c3d .trc .edf .bdf .poly5 .xdf .vhdr .eeg".split()
 _TEXT_OR_PICTURE = set(_OWN) - {"cube", "log"}

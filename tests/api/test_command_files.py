@@ -10,7 +10,7 @@ import typer
 from typer.testing import CliRunner
 
 from emgface.cli import app
-from emgface.cli.written import WRITTEN_OPTIONS
+from emgface.cli.written import FOLDER_PARAMETERS, WRITTEN_OPTIONS
 from emgface.errors import DataError
 from emgface.files import new_files
 from emgface.schema.netcdf import write_netcdf
@@ -99,6 +99,8 @@ def test_a_conversion_never_replaces_its_recording(tmp_path):
 
 DATA = {
     "out_path",
+    "out_folder",
+    "out_files",
     "wave",
     "cube",
     "log",
@@ -130,3 +132,23 @@ def test_tables_end_in_csv(name, tmp_path):
     result = CliRunner().invoke(app, ["dose", "--out", str(tmp_path / name)])
     assert result.exit_code == 2 and "ends in .csv" in " ".join(result.output.split())
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("callback", "out"),
+    [
+        pytest.param(callback, name, id=f"{command} {name}")
+        for command, callback, names in paths()
+        for name in names
+        if name in WRITTEN_OPTIONS and name not in FOLDER_PARAMETERS
+    ],
+)
+def test_a_folder_in_the_place_of_a_file_is_refused_before_the_command_runs(
+    callback, out, tmp_path
+):
+    """A simulation ended with this message after minutes, and a picture with that of its format."""
+    folder = tmp_path / "there.csv"
+    folder.mkdir()
+    every = dict.fromkeys(inspect.signature(callback).parameters) | {out: folder}
+    with pytest.raises(typer.BadParameter, match="is a folder, expected the name of a file"):
+        callback(**every)
