@@ -22,7 +22,7 @@ WRITTEN_OPTIONS = {
 }
 """Option of every parameter that states what a command writes; other paths are read."""
 
-FOLDER_PARAMETERS = ("out_folder", "out_files", "waypoints")
+FOLDER_PARAMETERS = ("out_folder", "out_files", "vtk", "waypoints")
 """Parameters that name a folder, or (`out_files`) a file or a folder; the others name a file."""
 
 _DATA = ".nc .h5 .hdf5 .mat .npz .c3d .trc .edf .bdf .poly5 .xdf .vhdr .eeg".split()

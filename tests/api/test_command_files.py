@@ -2,6 +2,7 @@
 
 import inspect
 import os
+import re
 import typing
 from pathlib import Path
 
@@ -95,6 +96,17 @@ def test_a_conversion_never_replaces_its_recording(tmp_path):
     with pytest.raises(DataError, match="would be replaced by what is computed from it"):
         new_files({other: "", source: ""}, replace=True, sources=[Path(source)])
     new_files({other: ""}, replace=True, sources=[source])
+
+
+def test_parameters_that_name_a_folder_are_those_whose_help_says_so():
+    """A folder for ParaView was refused when the command that had written it was repeated."""
+    named = {}
+    for command, callback, names in paths():
+        hints = typing.get_type_hints(callback, include_extras=True)
+        for name in (name for name in names if name in WRITTEN_OPTIONS):
+            text = next(str(one.help) for one in hints[name].__metadata__ if hasattr(one, "help"))
+            named[command, name] = bool(re.match("(New f|F)older|.*or the folder", text))
+    assert {key: key[1] in FOLDER_PARAMETERS for key in named} == named
 
 
 DATA = {
