@@ -136,7 +136,7 @@ def within(dataset: xr.Dataset, start: float, stop: float) -> xr.Dataset:
     """Keep the findings without an instant, and those that extend into an interval [s]."""
 
     def keep(finding: Finding) -> Finding | None:
-        if "at" not in finding.values or finding.code == "gaps":
+        if "at" not in finding.values or finding.code in ("gaps", "doubtful_marks"):
             return finding
         first = float(finding.values["at"])
         last = first + float(finding.values.get("seconds", 0.0))

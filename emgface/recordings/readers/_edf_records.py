@@ -1,4 +1,4 @@
-"""Begins of the records of an EDF+ or BDF+ file, and intervals that its annotations mark as bad.
+"""Begins of the records of an EDF+ or BDF+ file, and its annotations.
 
 The first annotation of each record states when the record begins. Source: Kemp and Olivan 2003, Clin
 Neurophysiol 114:1755 (EDF+): time-stamped annotation lists.
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from emgface.recordings.readers._flags import is_bad_mark
+from emgface.recordings.readers._flags import Mark
 
 _HEADER = 256
 _LABELS = (b"EDF Annotations", b"BDF Annotations")
@@ -18,20 +18,12 @@ _ONSET = re.compile(rb"\x00*([+-]\d+(?:\.\d*)?)(?:\x15(\d+(?:\.\d*)?))?\x14([^\x
 _IN_RANGE = 1 << 20  #: bit of the BioSemi status that is set while the electrodes are in range
 
 
-class BadInterval(NamedTuple):
-    """Interval [s] that the file marks as bad, and the text that marks it."""
-
-    start: float
-    duration: float
-    text: str
-
-
 class Records(NamedTuple):
-    """Begin of each record [s], duration of one [s], and bad intervals."""
+    """Begin of each record [s], duration of one [s], and the annotations."""
 
     starts: np.ndarray
     duration: float
-    bad: tuple[BadInterval, ...]
+    marks: tuple[Mark, ...]
 
 
 def records_of(data: bytes) -> Records | None:
@@ -46,7 +38,7 @@ def records_of(data: bytes) -> Records | None:
         return None
     start, size = int(data[184:192]), width * sum(counts)
     starts: list[float] = []
-    bad: list[BadInterval] = []
+    marks: list[Mark] = []
     for record in range(int(data[236:244])):
         for number, i in enumerate(annotated):
             at = start + record * size + width * sum(counts[:i])
@@ -57,10 +49,10 @@ def records_of(data: bytes) -> Records | None:
                 starts.append(float(lists[0].group(1)))
             for onset in lists:
                 text = onset.group(3).decode("utf-8", "replace").strip("\x14")
-                if is_bad_mark(text):
+                if text.strip():
                     span = float(onset.group(2) or 0.0)
-                    bad.append(BadInterval(float(onset.group(1)) - starts[0], span, text.strip()))
-    return Records(np.array(starts) - starts[0], float(data[244:252]), tuple(bad))
+                    marks.append(Mark(float(onset.group(1)) - starts[0], span, text.strip()))
+    return Records(np.array(starts) - starts[0], float(data[244:252]), tuple(marks))
 
 
 def out_of_range(channels: Mapping[str, np.ndarray]) -> np.ndarray | None:

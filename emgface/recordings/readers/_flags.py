@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -15,6 +15,26 @@ BAD = "marked as bad"  #: begin of the reason of a channel that was left out bec
 _LISTED = 20  #: intervals that are described one by one
 _STATUS: Final = ("good", "bad", "n/a", "", "nan")
 _BAD_MARK: Final = re.compile(r"bad(?:[\s_:@-].*)?", re.IGNORECASE)
+_DOUBTFUL: Final = re.compile(
+    r"art[ei]f[ae][ck]t|\bbad\b|satur|clipp(?:ed|ing)|\b(?:electrodes?|leads?|contact|signal)[ _-]*"
+    r"(?:is |was |are |were )?(?:off|lost|loose|fell|open)\b|disconnect|unplugged|detached|"
+    r"\b(?:off|loose|lost)[ _-]+(?:electrode|lead|contact|signal|cable)|drop[ _-]?out|reject|unusable|"
+    r"corrupt|invalid|\bnoisy\b|\bexclude|\bignore|overload|out of range|schlecht|gest\u00f6rt|"
+    r"mauvais|\bslecht",
+    re.IGNORECASE,
+)
+_SOUND: Final = re.compile(
+    r"\b(?:no|not|non|without|free of|removed|corrected|kein\w*|ohne|sans|geen)\b|[ _-]free\b",
+    re.IGNORECASE,
+)
+
+
+class Mark(NamedTuple):
+    """Annotation of an interval [s] and its text."""
+
+    start: float
+    duration: float
+    text: str
 
 
 def is_bad_mark(text: str) -> bool:
@@ -28,27 +48,48 @@ def is_bad_mark(text: str) -> bool:
     return _BAD_MARK.fullmatch(text.strip()) is not None
 
 
-def with_bad_span(
-    part: Part,
-    base: TimeBase,
-    start: float,
-    duration: float,
-    text: str,
-    what: str,
-    labels: Sequence[str],
-) -> Part:
-    """Replace the samples from `start` for `duration` [s] that a text marks as bad by NaN.
+def unapplied_marks(marks: Sequence[Mark], what: str) -> list[Finding]:
+    """Findings on marks that call data bad without a duration, or that may do so in other words.
 
-    Channels after ``@@`` are the only ones concerned, if they are among the `labels`. A mark without
-    duration is a finding.
+    The samples are used, because such a text may also describe what was done or a movement. Many marks
+    in other words are counted by their text.
     """
-    named = [name for name in text.split("@@")[1:] if name in labels] or None
-    by = f"the {what} {text!r}"
-    if not duration > 0.0:
-        mark = Finding("bad_moment", "channel", "", {"by": by, "at": start})
-        return part._replace(findings=[*part.findings, mark])
-    inside = (base.times >= start) & (base.times < start + duration)
-    return with_bad_samples(part, "channel", base, inside[base.places], by, named)
+    by_text: dict[str, list[Mark]] = {}
+    moments: list[Finding] = []
+    for mark in marks:
+        text = mark.text.strip()[:80]
+        if is_bad_mark(text):
+            values = {"by": f"the {what} {text!r}", "at": mark.start}
+            moments += [] if mark.duration > 0.0 else [Finding("bad_moment", "channel", "", values)]
+        elif _DOUBTFUL.search(text) and not _SOUND.search(text):
+            by_text.setdefault(text, []).append(mark)
+    groups = list(by_text.items())
+    every = sum(len(same) for _, same in groups) <= _LISTED
+    if every:
+        groups = [(text, [mark]) for text, same in groups for mark in same]
+    return moments + [
+        Finding("doubtful_mark" if every else "doubtful_marks", "channel", "", {
+            "by": f"the {what} {text!r}", "at": same[0].start,
+            "seconds": sum(mark.duration for mark in same), "count": len(same),
+        })
+        for text, same in groups
+    ]  # fmt: skip
+
+
+def with_marks(
+    part: Part, base: TimeBase, marks: Sequence[Mark], what: str, labels: Sequence[str]
+) -> Part:
+    """Replace the samples of intervals that marks call bad by NaN; other such marks are findings.
+
+    Channels after ``@@`` in the text are the only ones concerned, if they are among the `labels`.
+    """
+    for start, duration, text in marks:
+        if is_bad_mark(text) and duration > 0.0:
+            named = [name for name in text.strip().split("@@")[1:] if name in labels] or None
+            inside = (base.times >= start) & (base.times < start + duration)
+            by = f"the {what} {text.strip()!r}"
+            part = with_bad_samples(part, "channel", base, inside[base.places], by, named)
+    return part._replace(findings=[*part.findings, *unapplied_marks(marks, what)])
 
 
 def bad_rows(table: pd.DataFrame | None, names: Sequence[str]) -> dict[str, str]:

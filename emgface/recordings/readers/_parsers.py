@@ -36,7 +36,7 @@ def parse_c3d(path: Path) -> dict[str, Any]:
     """Return parameters, points and analog samples of a C3D file of checked structure, by ezc3d.
 
     The keys are ``parameters`` (group to name to value), ``points`` (4, points, frames), ``analogs``
-    (1, channels, samples) and ``residuals`` (1, points, frames).
+    (1, channels, samples), ``residuals`` (1, points, frames) and ``first_frame``, counted from 0.
     """
     import ezc3d
 
@@ -55,6 +55,7 @@ def parse_c3d(path: Path) -> dict[str, Any]:
         "points": np.array(content["data"]["points"], dtype=np.float64),
         "analogs": np.array(content["data"]["analogs"], dtype=np.float64),
         "residuals": np.array(content["data"]["meta_points"]["residuals"], dtype=np.float64),
+        "first_frame": int(content["header"]["points"]["first_frame"]),
     }
 
 
@@ -241,8 +242,8 @@ def parse_xdf(path: Path) -> list[dict[str, Any]]:
 
     The dict of each numeric stream contains ``name``, ``type``, ``rate`` (nominal [Hz]),
     ``announced`` (samples by the footer, None without one), ``channels`` (dicts of texts), ``values``
-    (samples, channels) and ``time`` [s]. The chunks of
-    the file have been checked; ValueError is raised if a part cannot be read.
+    (samples, channels) and ``time`` [s]; that of a stream of texts ``name``, ``texts`` and ``time``. The
+    chunks of the file have been checked; ValueError is raised if a part cannot be read.
     """
     import logging
 
@@ -264,16 +265,19 @@ def parse_xdf(path: Path) -> list[dict[str, Any]]:
         logging.getLogger("pyxdf").removeHandler(collector)
     if errors:
         raise ValueError(errors[0])
-    numeric: list[dict[str, Any]] = []
+    result: list[dict[str, Any]] = []
     for stream in streams:
         info = stream["info"]
         values = np.asarray(stream["time_series"])
+        time = np.asarray(stream["time_stamps"], dtype=np.float64)
         if values.dtype.kind not in "iuf":
+            texts = [" ".join(map(str, np.ravel(row))) for row in values]
+            result.append({"name": str(info["name"][0]), "texts": texts, "time": time})
             continue
         described = (info.get("desc") or [None])[0] or {}
         channels = ((described.get("channels") or [None])[0] or {}).get("channel") or []
         footer = stream.get("footer", {}).get("info", {}).get("sample_count")
-        numeric.append(
+        result.append(
             {
                 "name": str(info["name"][0]),
                 "type": str(info["type"][0]),
@@ -284,7 +288,7 @@ def parse_xdf(path: Path) -> list[dict[str, Any]]:
                     for channel in channels
                 ],
                 "values": values.astype(np.float64),
-                "time": np.asarray(stream["time_stamps"], dtype=np.float64),
+                "time": time,
             }
         )
-    return numeric
+    return result

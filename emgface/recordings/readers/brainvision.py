@@ -26,7 +26,7 @@ from emgface.recordings.readers._build import (
 from emgface.recordings.readers._companion import companion_file
 from emgface.recordings.readers._declared import rates_in_lines
 from emgface.recordings.readers._filters import stated_band
-from emgface.recordings.readers._flags import is_bad_mark, with_bad_samples
+from emgface.recordings.readers._flags import Mark, is_bad_mark, unapplied_marks, with_bad_samples
 from emgface.recordings.timebase import of_rate, with_losses
 from emgface.texts import decoded, marked_encoding
 
@@ -62,7 +62,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     interval = positive(path, "SamplingInterval", common.get("SamplingInterval", ""))
     rate = 1e6 / interval  # an interval in microseconds
     channels = [_channel(path, sections.get("Channel Infos", {}), i + 1) for i in range(count)]
-    bad, lost = _marked(path, common)
+    bad, lost, marks = _marked(path, common)
     samples = _samples(path, common, sections.get("Binary Infos", {}), count)
     labels, names = unique_labels([channel.label for channel in channels], "channel")
     values = [row * channel.resolution for row, channel in zip(samples, channels, strict=True)]
@@ -80,6 +80,10 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
         inside[start:stop] = True
         concerned = None if channel is None else labels[channel : channel + 1]
         part = with_bad_samples(part, "channel", base, inside, f"a marker {text!r}", concerned)
+    timed = [
+        mark._replace(start=mark.start / rate, duration=mark.duration / rate) for mark in marks
+    ]
+    part = part._replace(findings=[*part.findings, *unapplied_marks(timed, "marker")])
     filters = [one for name in _labels_of(part) for one in _hardware_filters(comment, name)]
     return assemble_parts([part._replace(findings=[*part.findings, *filters])])
 
@@ -175,11 +179,11 @@ def _companion(path: Path, name: str) -> Path | None:
 
 def _marked(
     path: Path, common: Mapping[str, str]
-) -> tuple[list[tuple[int, int, int | None, str]], dict[int, int]]:
-    """Intervals that markers call bad, and numbers of lost samples by the index that they precede.
+) -> tuple[list[tuple[int, int, int | None, str]], dict[int, int], list[Mark]]:
+    """Intervals that markers call bad, numbers of lost samples by the index that they precede, others.
 
-    An interval has its first sample, its end, its channel (None for all) and its text. Refuses a
-    recording that is not one continuous sequence of samples.
+    An interval has its first sample, its end, its channel (None for all) and its text; the other
+    markers are in samples. Refuses a recording that is not one continuous sequence of samples.
     """
     kind, domain = common.get("SegmentationType", ""), common.get("DataType", "TIMEDOMAIN")
     if kind not in ("", "NOTSEGMENTED") or domain != "TIMEDOMAIN" or "AveragedSegments" in common:
@@ -190,8 +194,9 @@ def _marked(
     markers = _companion(path, common.get("MarkerFile", ""))
     bad: list[tuple[int, int, int | None, str]] = []
     lost = dict[int, int]()
+    marks: list[Mark] = []
     if markers is None or not markers.is_file():
-        return bad, lost
+        return bad, lost, marks
     for entry in _sections(markers).get("Marker Infos", {}).values():
         cells = entry.split(",")
         if cells[0] == "New Segment" and len(cells) > 2 and cells[2].strip() not in ("0", "1"):
@@ -208,7 +213,9 @@ def _marked(
                 start, size, channel = map(int, numbers)
                 place = channel - 1 if channel else None
                 bad.append((max(start - 1, 0), start - 1 + size, place, text))
-    return bad, lost
+        elif len(cells) > 3 and cells[2].strip().isdecimal() and cells[3].strip().isdecimal():
+            marks.append(Mark(int(cells[2]) - 1, int(cells[3]), ",".join(cells[:2]).strip(", ")))
+    return bad, lost, marks
 
 
 def _samples(

@@ -18,6 +18,7 @@ from emgface.recordings.readers._build import (
     voltages,
 )
 from emgface.recordings.readers._c3d_structure import check_structure
+from emgface.recordings.readers._flags import Mark, unapplied_marks
 from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import parse_c3d
 from emgface.recordings.timebase import of_rate
@@ -35,7 +36,8 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     A position is NaN in frames in which the marker was not visible.
     """
     content = _open(path)
-    return assemble_parts([_analogs(content, units), _points(content, units)])
+    marks = Part(findings=unapplied_marks(_events(content), "event"))
+    return assemble_parts([_analogs(content, units), _points(content, units), marks])
 
 
 def _open(path: Path) -> dict[str, Any]:
@@ -159,6 +161,19 @@ def _interpolated(residuals: np.ndarray, labels: list[str]) -> list[Finding]:
             values = {"frames": computed, "share": computed / row.size, "by": "their residual of 0"}
             findings.append(Finding("interpolated", "marker", label, values))
     return findings
+
+
+def _events(content: Mapping[str, Any]) -> list[Mark]:
+    """Events of the group EVENT, whose times [min, s] count from the first frame of the camera."""
+    group = content["parameters"].get("EVENT", {})
+    times = np.atleast_2d(np.array(group.get("TIMES", []), dtype=float))
+    labels = _strings(group, "LABELS")
+    if times.shape != (2, len(labels)):
+        return []
+    first, rate = content["first_frame"], _number(content, "POINT", "RATE")
+    start = first / rate if rate else 0.0
+    seconds = 60.0 * times[0] + times[1] - start
+    return [Mark(float(at), 0.0, text) for at, text in zip(seconds, labels, strict=True)]
 
 
 def _number(content: Mapping[str, Any], group: str, name: str) -> float | None:

@@ -17,7 +17,8 @@ import xarray as xr
 from emgface.errors import DataError
 from emgface.recordings.bids.electrodes import read_electrodes
 from emgface.recordings.bids.names import name_findings
-from emgface.recordings.bids.sidecars import EmgSidecars, emg_sidecars
+from emgface.recordings.bids.sidecars import EmgSidecars, emg_sidecars, sidecar_path
+from emgface.recordings.events import EVENT_COLUMNS, read_events
 from emgface.recordings.findings import Finding, with_findings
 from emgface.recordings.readers._build import (
     Part,
@@ -34,10 +35,11 @@ from emgface.recordings.readers._filters import (
     stated_filters,
 )
 from emgface.recordings.readers._flags import (
+    Mark,
     bad_rows,
     odd_status,
     with_bad_samples,
-    with_bad_span,
+    with_marks,
     without_bad,
 )
 from emgface.recordings.readers.bids_motion import motion_of_trial
@@ -70,9 +72,9 @@ def is_recording(path: Path) -> bool:
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     """Read the voltage channels with the most frequent sampling rate.
 
-    Pauses between records are gaps, and intervals annotated as bad (``BAD`` and names that begin so,
-    or a status of BioSemi that is out of range) are NaN. Raises DataError also if the recording
-    contradicts its tables.
+    Pauses between records are gaps. Intervals that annotations or the events of a BIDS dataset call
+    bad (``BAD`` and names that begin so), or in which the status of BioSemi is out of range, are NaN.
+    Raises DataError also if the recording contradicts its tables.
     """
     content = _load(path)
     sidecars = emg_sidecars(path)
@@ -96,6 +98,8 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
             {label: names[label] for label in labels if label in names},
         )
         emg = _without_flagged(emg, content, base, labels)
+        if sidecars is not None:
+            emg = with_marks(emg, base, _events(path), "event", labels)
     used = [i for i in keep if labels[i] not in emg.dropped]
     bands = stated_filters({labels[i]: content.filters[i] for i in used})
     if sidecars is not None:
@@ -150,8 +154,8 @@ def _time_base(
 
 def _without_flagged(part: Part, content: _Content, base: TimeBase, labels: Sequence[str]) -> Part:
     """Replace samples that annotations or the status of the amplifier mark as bad."""
-    for one in () if content.records is None else content.records.bad:
-        part = with_bad_span(part, base, one.start, one.duration, one.text, "annotation", labels)
+    if content.records is not None:
+        part = with_marks(part, base, content.records.marks, "annotation", labels)
     same = {
         label: values[: base.stored]
         for label, values in zip(content.labels, content.values, strict=True)
@@ -161,6 +165,13 @@ def _without_flagged(part: Part, content: _Content, base: TimeBase, labels: Sequ
     if outside is not None:
         part = with_bad_samples(part, "channel", base, outside, "the status (out of range)")
     return part
+
+
+def _events(path: Path) -> list[Mark]:
+    """Events of a trial of a BIDS dataset, as marks."""
+    table = sidecar_path(path, "events.tsv")
+    events = None if table is None else read_events(table).fillna(0.0)
+    return [] if events is None else [Mark(*row) for row in events[[*EVENT_COLUMNS]].to_numpy()]
 
 
 def _of_one_rate(

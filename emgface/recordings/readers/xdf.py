@@ -24,6 +24,7 @@ from emgface.recordings.readers._build import (
     unique_labels,
     voltages,
 )
+from emgface.recordings.readers._flags import Mark, unapplied_marks
 from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import parse_xdf
 from emgface.recordings.timebase import TimeBase, of_stamps, with_counter
@@ -46,7 +47,8 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     """
     _check_chunks(path)
     streams = parsed(path, parse_xdf, path)
-    streams = [stream for stream in streams if len(stream["time"])]
+    texts = [stream for stream in streams if "texts" in stream]
+    streams = [stream for stream in streams if len(stream["time"]) and "texts" not in stream]
     emg = [stream for stream in streams if _emg_channels(stream)]
     markers = [stream for stream in streams if stream["type"].lower() == "mocap"]
     for kind, candidates in (("EMG", emg), ("MoCap", markers)):
@@ -69,6 +71,13 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     clocks = [base.moved(-start) for base in bases]
     parts = [_emg(stream, clocks[0], units) for stream in emg]
     parts += [_markers(path, stream, clocks[-1], units.get("position")) for stream in markers]
+    if parts:
+        marks = [
+            Mark(float(at) - start, 0.0, text)
+            for stream in texts
+            for at, text in zip(stream["time"], stream["texts"], strict=True)
+        ]
+        parts.append(Part(findings=unapplied_marks(marks, "mark")))
     return assemble_parts([*parts, Part(None, {}, dropped, {})])
 
 
