@@ -23,6 +23,8 @@ from rich.progress import (
 from rich.table import Table
 from typer.core import TyperGroup
 
+from emgface.characters import visible
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -109,23 +111,25 @@ def debugging() -> bool:
 def fail(error: Exception) -> None:
     """Print a failure as a sentence."""
     err.print(f"[bold red]{type(error).__name__}[/]: ", end="")
-    err.print(str(error), markup=False, highlight=False, soft_wrap=True)
+    say(str(error))
 
 
 def say(text: str) -> None:
     """Print a message separately from the results."""
-    err.print(text, markup=False, highlight=False, soft_wrap=True)
+    err.print(visible(text), markup=False, highlight=False, soft_wrap=True)
 
 
 def tell(text: str) -> None:
     """Print a result that is not a table."""
-    out.print(text, markup=False, highlight=False, soft_wrap=True)
+    # A pipe receives the text as it is, such as a sidecar.
+    shown = visible(text) if out.is_terminal else text
+    out.print(shown, markup=False, highlight=False, soft_wrap=True)
 
 
 def warn(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
     """Print a warning as a sentence (replaces `warnings.showwarning`)."""
     err.print("[yellow]Warning[/]: ", end="")
-    err.print(str(message), markup=False, highlight=False, soft_wrap=True)
+    say(str(message))
 
 
 def show_warnings_as_sentences() -> None:
@@ -183,6 +187,8 @@ def show_table(rows: Rows, title: str) -> None:
     In a terminal that is too narrow, columns that do not fit follow in a further block that repeats
     the first column, and the text of the last column is wrapped.
     """
+    cells = tuple(tuple(map(visible, row)) for row in rows.cells)
+    rows = Rows(tuple(map(visible, rows.heads)), cells)
     every = list(range(len(rows.heads)))
     needed = [
         2 + max(map(len, (rows.heads[k], *(cells[k] for cells in rows.cells)))) for k in every
@@ -254,4 +260,4 @@ class Bar:
 
     def message(self, text: str) -> None:
         """Print a line above the bar."""
-        self._shown.console.print(text, markup=False, highlight=False, soft_wrap=True)
+        self._shown.console.print(visible(text), markup=False, highlight=False, soft_wrap=True)

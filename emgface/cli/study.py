@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from emgface.characters import visible
 from emgface.cli.console import BAD_INPUT, PARTIAL, Bar, progress, say, tell
 from emgface.cli.machine import announce_compilation, cores, executing, graceful_stop, show_page
 from emgface.cli.options import (
@@ -126,7 +127,7 @@ def _beside_printed(folder: Path) -> None:
     table = printed_table(cube)
     tell(table.text())
     store_text(folder / "tables" / "printed.csv", table.csv())
-    store_text(folder / "tables" / "printed.md", table.markdown())
+    store_text(folder / "tables" / "printed.md", visible(table.markdown()))
     for statement, verdict, numbers in printed_statements(cube):
         tell(f"Printed: {statement}. Here: {verdict} ({numbers}).")
     for volunteer, (low, high) in used_stress(cube).items():

@@ -5,6 +5,7 @@ import hashlib
 import io
 import json
 import re
+from collections.abc import Mapping
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from analysis.figures.style import SAVED_PARAMETERS, settings, title_of
 from analysis.tables import ABSENT_CELL, Table
+from emgface.characters import isolated
 from emgface.errors import DataError
 from emgface.muscles import INSTRUCTIONS
 from emgface.pictures.body import body_of, skin_of
@@ -263,7 +265,7 @@ def svg_of(figure: "Figure", name: str, description: str, *, scale: float = 1.0)
         # ``savefig`` would draw twice, first for a layout that drawing computes anyway.
         FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
     text = buffer.getvalue()
-    text = text[text.index("<svg") :]
+    text = isolated(text[text.index("<svg") :])
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', text)
     text = re.sub(r'(href=")#', rf"\1#{name}-", text)
@@ -272,18 +274,19 @@ def svg_of(figure: "Figure", name: str, description: str, *, scale: float = 1.0)
     width = re.search(r'width="([\d.]+)pt"', head)
     head = re.sub(r'\s(width|height)="[^"]*"', "", head)
     wide = float(width[1]) if width else 500.0
-    label = str(Markup.escape(description)).replace('"', "&quot;")
+    label = str(Markup.escape(isolated(description))).replace('"', "&quot;")
     size = f"max-width:{scale * wide:.0f}pt"
     return Markup(f'{head} role="img" aria-label="{label}" style="{size}">{body}')
 
 
 def figure_page(figure: "Figure") -> str:
     """Write the page of a figure, as wide as the window."""
-    title = Markup.escape(title_of(figure) or "figure")
+    words = title_of(figure) or "figure"
+    title = Markup.escape(isolated(words))
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
         f'<meta http-equiv="Content-Security-Policy" content="{policy("")}"></head>'
-        f"<body>{svg_of(figure, 'figure', str(title))}</body></html>\n"
+        f"<body>{svg_of(figure, 'figure', words)}</body></html>\n"
     )
 
 
@@ -296,6 +299,7 @@ def environment(*packages: str) -> Environment:
     made = Environment(
         loader=ChoiceLoader(loaders),
         autoescape=True,
+        finalize=_in_a_page,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -392,8 +396,25 @@ def resource(name: str, package: str = "emgface.pictures") -> str:
     return files(package).joinpath(name).read_text(encoding="utf-8")
 
 
+class Exact(str):
+    """Text of a page that returns to a file, and is therefore not changed for display."""
+
+    __slots__ = ()
+
+
+def _in_a_page(value: Any) -> Any:
+    """A value for a page, whose texts do not reorder or hide the words around them."""
+    if isinstance(value, str):
+        return value if isinstance(value, Exact | Markup) else isolated(value)
+    if isinstance(value, Mapping):
+        return {_in_a_page(key): _in_a_page(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_in_a_page(one) for one in value]
+    return value
+
+
 def as_json(value: Any) -> Markup:
-    """JSON that can be embedded in a page."""
+    """JSON that can be embedded in a page; its texts are for display, except those that are `Exact`."""
     # "<" in the data could end the enclosing element.
-    text = json.dumps(value, allow_nan=False, separators=(",", ":"), default=dict)
+    text = json.dumps(_in_a_page(value), allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c"))

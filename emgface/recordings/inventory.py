@@ -8,6 +8,7 @@ from typing import Any
 import pandas as pd
 import xarray as xr
 
+from emgface.characters import visible
 from emgface.errors import DataError, EmgfaceError
 from emgface.recordings.check import check_recording
 from emgface.recordings.dataset import read_recording, readers
@@ -214,5 +215,7 @@ def markdown(table: pd.DataFrame) -> str:
             f"{row['duration']:.4g}" if pd.notna(row["duration"]) else "-",
             f"*refused: {row['refusal']}*" if refused else row["findings"],
         )
-        lines.append("| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |")
+        lines.append(
+            "| " + " | ".join(visible(str(cell)).replace("|", "\\|") for cell in cells) + " |"
+        )
     return "\n".join(lines) + "\n"

@@ -16,6 +16,7 @@ from analysis.robustness import levels_of, robustness, robustness_sentences, rob
 from analysis.sensitivity import choices_table, sensitivity
 from analysis.statistics.summary import statistics_table, study_statistics
 from analysis.tables import Table, report_tables
+from emgface.characters import visible
 from emgface.report.provenance import repeated
 from emgface.run.store import store_text
 from emgface.signals.montage import COMPLETE
@@ -65,8 +66,8 @@ def write_tables(cube: xr.Dataset, out: Path) -> Report:
             tables["conclusions"] = other_choices[1]
     for name, table in tables.items():
         store_text(folder / f"{name}.csv", table.csv())
-        store_text(folder / f"{name}.md", table.markdown())
-        store_text(folder / f"{name}.tex", table.latex())
+        store_text(folder / f"{name}.md", visible(table.markdown()))
+        store_text(folder / f"{name}.tex", visible(table.latex()))
     montage = str(base.attrs.get("montage", COMPLETE.sentence))
     if montage != COMPLETE.sentence:
         meaning = [f"The montage is incomplete: {montage}.", *meaning]

@@ -12,7 +12,7 @@ from emgface.muscles import INSTRUCTIONS, MUSCLE_NAMES, RELEVANT
 from emgface.pictures.body import Skin, body_of
 from emgface.pictures.encoding import body_data, deltas, middle_of, whole
 from emgface.pictures.lips import lips_at_rest
-from emgface.pictures.page import as_json, environment, policy, style, viewer_script
+from emgface.pictures.page import Exact, as_json, environment, policy, style, viewer_script
 from emgface.pictures.page import resource as packaged
 from emgface.pictures.render import VIEWS
 from emgface.pictures.suture import treatment_words
@@ -63,7 +63,7 @@ def live_page(
         "edits": edits,
         "words": words,
         "curves": as_message(curves) if curves else {},
-        "workspace": workspace and {"view": workspace.view, "notes": workspace.notes},
+        "workspace": workspace and {"view": workspace.view, "notes": Exact(workspace.notes)},
     }
     data = body_data(body_of(face, skin), rest)
     data |= {"markers": [str(m) for m in face["marker"].values], "live": live}

@@ -12,11 +12,12 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 from scipy.signal import welch
 
+from emgface.characters import isolated
 from emgface.errors import DataError, EmgfaceError, FeatureWarning, SignalError
 from emgface.files import write_text
 from emgface.muscles import CHANNELS, FACE_MARKERS, LIP_MARKERS
 from emgface.pictures.encoding import packed
-from emgface.pictures.page import as_json, environment, policy, style
+from emgface.pictures.page import Exact, as_json, environment, policy, style
 from emgface.recordings.labels import LabelMap, read_label_map
 from emgface.signals.filters import bandpass, sampling_rate
 from emgface.signals.parameters import FilterParameters
@@ -121,12 +122,13 @@ class RecordingPage:
             "findings": self._findings,
             "events": _events(self._recording),
             "names": {"channel": list(CHANNELS), "marker": [*FACE_MARKERS, *LIP_MARKERS]},
+            "exact": self._exact(),
             "original": {
-                name: label
+                Exact(name): Exact(label)
                 for table in (self._given.channels, self._given.markers)
                 for label, name in (table or {}).items()
             },
-            "prefix": _prefix(self._given),
+            "prefix": [Exact(line) for line in _prefix(self._given)],
         }
         if len(self._emg):
             time = self._recording["time_emg"].values
@@ -146,6 +148,13 @@ class RecordingPage:
         if "position" in self._recording:
             data["markers"] = _markers(self._recording["position"])
         return data
+
+    def _exact(self) -> dict[Exact, Exact]:
+        """Labels that the page displays in other characters, by what it displays."""
+        dims = (dim for dim in ("channel", "marker") if dim in self._recording.coords)
+        labels = (str(label) for dim in dims for label in self._recording[dim].values)
+        pairs = ((isolated(one), one) for one in labels)
+        return {Exact(displayed): Exact(one) for displayed, one in pairs if displayed != one}
 
     def _rows(self, start: int, stop: int, *, filtered: bool) -> Iterator[Floats]:
         """Samples start to stop of each channel; the filter begins and ends `PADDING` outside."""
@@ -220,7 +229,7 @@ class RecordingPage:
             said = {"wrote": self._mapping.name}
         except (EmgfaceError, UnicodeDecodeError) as error:
             said = {"why": str(error)}
-        return Answer(json.dumps(said).encode(), "application/json")
+        return Answer(as_json(said).encode(), "application/json")
 
 
 def _prefix(given: LabelMap) -> list[str]:

@@ -357,10 +357,11 @@ function findings() {
 const quoted = (text) => JSON.stringify(text);
 function mapping() {
   const lines = [];
-  const original = (text) => data.original[text] ?? text;
-  const given = (labels) => labels.some((text) => text in data.original);
-  if (emg && (given(emg.labels) || emg.labels.some((text) => marks.names[text]))) { lines.push("[channels]"); for (const text of emg.labels) lines.push(`${quoted(original(text))} = ${quoted(marks.names[text] || text)}`); lines.push(""); }
-  if (markers && (given(markers.labels) || markers.labels.some((text) => marks.markerNames[text]))) { lines.push("[markers]"); for (const text of markers.labels) lines.push(`${quoted(original(text))} = ${quoted(marks.markerNames[text] || text)}`); lines.push(""); }
+  const exact = (text) => data.exact[text] ?? text;
+  const original = (text) => data.original[exact(text)] ?? exact(text);
+  const given = (labels) => labels.some((text) => exact(text) in data.original);
+  if (emg && (given(emg.labels) || emg.labels.some((text) => marks.names[text]))) { lines.push("[channels]"); for (const text of emg.labels) lines.push(`${quoted(original(text))} = ${quoted(marks.names[text] || exact(text))}`); lines.push(""); }
+  if (markers && (given(markers.labels) || markers.labels.some((text) => marks.markerNames[text]))) { lines.push("[markers]"); for (const text of markers.labels) lines.push(`${quoted(original(text))} = ${quoted(marks.markerNames[text] || exact(text))}`); lines.push(""); }
   if (marks.bad.size || marks.spans.length) {
     lines.push("[unusable]");
     if (marks.bad.size) lines.push(`channels = [${[...marks.bad].map((k) => quoted(original(label(k)))).join(", ")}]`);
