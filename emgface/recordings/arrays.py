@@ -10,7 +10,7 @@ import pandas as pd
 from emgface.errors import DataError, listed
 from emgface.recordings.draft import Draft
 from emgface.recordings.readers._arrays import read_array, read_texts
-from emgface.recordings.readers._declared import rates_of
+from emgface.recordings.readers._declared import declared_voltage, rates_of, statements_near
 from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import parse_contents
 from emgface.schema.rules import hint
@@ -20,12 +20,13 @@ _LEAST: Final = 100  #: fewest samples of a recording
 
 def array_table(
     path: Path, draft: Draft, variable: str | None, columns: Sequence[str] | None
-) -> tuple[pd.DataFrame, float | None]:
+) -> tuple[pd.DataFrame, float | None, str | None]:
     """Choose the variable of a file that contains the recording, one column per channel.
 
     `draft` is the sidecar that receives variable, dims and labels; `variable` and `columns`
-    (labels) are specified if known. Returns in addition the sampling rate [Hz], if a variable or
-    attribute states it. Raises DataError if the file is damaged or contains no such array.
+    (labels) are specified if known. Returns in addition the sampling rate [Hz] and the unit of voltage,
+    if a variable or attribute states it. Raises DataError if the file is damaged or contains no such
+    array.
     """
     contents = parsed(path, parse_contents, path)
     arrays = {
@@ -56,7 +57,7 @@ def array_table(
     draft.put("dims", ["channel", "time"] if transposed else ["time", "channel"])
     frame.columns = _labels(path, draft, name, columns, frame.shape[1], contents["variables"])
     rates = list(rates_of(contents["numbers"]).values())
-    return frame, rates[0] if rates else None
+    return frame, rates[0] if rates else None, declared_voltage(statements_near(path, name))
 
 
 def _labels(

@@ -26,7 +26,7 @@ from emgface.recordings.layout import text_layout, unit_in
 from emgface.recordings.readers._arrays import ARRAY_SUFFIXES
 from emgface.recordings.readers._build import unique_labels
 from emgface.recordings.readers._table_models import EmgTable
-from emgface.recordings.readers._tables import load_table
+from emgface.recordings.readers._tables import FLAGS, load_table
 from emgface.recordings.readers.text_exports import export_of, left_out, part_of
 from emgface.recordings.stamps import TIME_LABELS
 from emgface.recordings.timebase import of_stamps
@@ -97,7 +97,8 @@ def describe(
         except _NoUnit:
             del draft.lines[2:]  # counts without a transfer function: a table of the user
     if suffix in ARRAY_SUFFIXES:
-        frame, own_rate = array_table(path, draft, variable, columns)
+        frame, own_rate, own_unit = array_table(path, draft, variable, columns)
+        unit = unit or own_unit
         units, rate = dict.fromkeys(frame.columns, ""), rate or own_rate
     else:
         frame, units = _text_table(path, draft, columns)
@@ -208,11 +209,13 @@ def _text_table(
         draft.put("columns", list(given["columns"]), "" if named else "the file contains none",
                   table="emg", sure=named)  # fmt: skip
     table = EmgTable(file=path.name, unit="V", rate=1.0, **given)
-    frame, _, dropped = load_table(path.parent / "the draft", table, wanted={})
+    frame, _, dropped, _ = load_table(path.parent / "the draft", table, wanted={})
     names = [str(name) for name in frame.columns]
     frame.columns = names
-    for name in dropped:
-        draft.lines.append(f"# The column {toml_value(name)} contains text and is left out.")
+    for name, reason in dropped.items():
+        why = "contains text and is left out"
+        why = f"{reason}: the table 'flags' states its meaning" if reason == FLAGS else why
+        draft.lines.append(f"# The column {toml_value(name)} {why}.")
     units = dict(zip(given.get("columns", layout.labels), layout.units, strict=False))
     return frame, {name: units.get(name) or unit_in(name) for name in names}
 

@@ -13,6 +13,7 @@ from edfio import Edf, EdfSignal
 from emgface.errors import EmgfaceError
 from emgface.recordings.check import check_recording
 from emgface.recordings.dataset import read_recording
+from emgface.recordings.describe import describe
 from emgface.recordings.findings import findings_in
 from emgface.recordings.readers._declared import RATE_NAMES
 
@@ -121,6 +122,161 @@ def test_a_rate_next_to_an_array_is_compared(tmp_path, save, name, variable, wor
             'rate = 2000\ndims = ["time", "channel"]\ncolumns = ["ZYG_L", "ZYG_R", "OOS_L"]\n'
         )
         assert codes(read_recording(path)) == expected
+
+
+def matlab73(path: Path, **more: object) -> None:
+    """As MATLAB writes: dims reversed, texts as characters."""
+    with h5py.File(path, "w", userblock_size=512) as opened:
+        opened["emg"] = EMG
+        for name, value in more.items():
+            text = isinstance(value, str)
+            stored = [[ord(c)] for c in str(value)] if text else [[value]]
+            data = opened.create_dataset(name, data=np.array(stored, "u2" if text else "f8"))
+            data.attrs["MATLAB_class"] = np.bytes_("char" if text else "double")
+    with path.open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+
+
+def next_to(path: Path, **more: object) -> None:
+    with h5py.File(path, "w") as opened:
+        opened["rec/emg"] = EMG.T
+        for name, value in more.items():
+            opened[f"rec/{name}"] = value
+
+
+def of_group(path: Path, **more: object) -> None:
+    with h5py.File(path, "w") as opened:
+        opened["rec/emg"] = EMG.T
+        opened["rec"].attrs.update(more)
+
+
+def of_file(path: Path, **more: object) -> None:
+    with h5py.File(path, "w") as opened:
+        opened["rec/emg"] = EMG.T
+        opened.attrs.update(more)
+
+
+PLACES = [
+    *STATED,
+    (matlab73, "a.mat", "emg"),
+    (next_to, "a.h5", "rec/emg"),
+    (of_group, "a.h5", "rec/emg"),
+    (of_file, "a.h5", "rec/emg"),
+]
+"""Places in which a file states something next to an array."""
+
+
+def array(folder: Path, name: str, variable: str, more: str = "", unit: str = "mV") -> Path:
+    path = folder / "a.toml"
+    path.write_text(
+        f'schema = "recording"\n[emg]\nfile = "{name}"\nvariable = "{variable}"\nunit = "{unit}"\n'
+        f'rate = 2000\ncolumns = ["ZYG_L", "ZYG_R", "OOS_L"]\n{more}'
+    )
+    return path
+
+
+def stated_by(recording) -> list[str]:
+    return [f.code for f in findings_in(recording) if f.code in ("conversion", "bad_list")]
+
+
+@pytest.mark.parametrize(
+    ("save", "name", "variable"), PLACES, ids=lambda x: getattr(x, "__name__", "")
+)
+@pytest.mark.parametrize("word", ["unit", "Units", "EMGUnits", "amplitude_unit"])
+def test_a_unit_next_to_an_array_is_compared(tmp_path, save, name, variable, word):
+    for stated in ("uV", "microvolts", "V"):
+        save(tmp_path / name, **{word: stated})
+        with pytest.raises(EmgfaceError, match=r"(states|in) (uV|V)\b.*correct the sidecar"):
+            read_recording(array(tmp_path, name, variable))
+    for stated in ("mV", "millivolts", "N", "see protocol"):
+        save(tmp_path / name, **{word: stated})
+        assert stated_by(read_recording(array(tmp_path, name, variable))) == []
+
+
+@pytest.mark.parametrize(
+    ("save", "name", "variable"), PLACES, ids=lambda x: getattr(x, "__name__", "")
+)
+@pytest.mark.parametrize("word", ["gain", "EMG_Gain", "scale", "resolution", "calibration_factor"])
+def test_a_conversion_next_to_an_array_is_a_finding(tmp_path, save, name, variable, word):
+    save(tmp_path / name, **{word: 0.25})
+    recording = read_recording(array(tmp_path, name, variable))
+    (finding,) = [f for f in findings_in(recording) if f.code == "conversion"]
+    assert word in finding.sentence and "0.25" in finding.sentence
+    assert stated_by(read_recording(array(tmp_path, name, variable, "step = 1.0\n"))) == []
+    converted = read_recording(array(tmp_path, name, variable, "step = 0.25\n"))
+    assert stated_by(converted) == []
+    assert float(converted["emg"].std()) == pytest.approx(EMG.std() * 0.25e-3, rel=1e-6)
+    save(tmp_path / name, **{word: 1.0})
+    assert stated_by(read_recording(array(tmp_path, name, variable))) == []
+
+
+def test_a_draft_has_the_unit_of_the_file(tmp_path):
+    scipy.io.savemat(tmp_path / "a.mat", {"emg": EMG.T, "fs": 2000.0, "EMGUnits": "mV"})
+    draft = describe(tmp_path / "a.mat")
+    assert 'unit = "mV"' in draft and "emg.unit" not in draft
+
+
+def test_statements_of_another_signal_do_not_apply(tmp_path):
+    given = {
+        "emg": EMG.T,
+        "eog": EMG.T[:, :1],
+        "eog_unit": "V",
+        "force_gain": 5.0,
+        "time_unit": "ms",
+    }
+    scipy.io.savemat(tmp_path / "a.mat", given)
+    assert stated_by(read_recording(array(tmp_path, "a.mat", "emg"))) == []
+    scipy.io.savemat(tmp_path / "a.mat", {**given, "unit": "uV", "emg_unit": "mV"})
+    assert stated_by(read_recording(array(tmp_path, "a.mat", "emg"))) == []
+
+
+def test_units_of_each_channel_and_a_mapping(tmp_path):
+    units = np.array(["mV", "uV", "mV"], dtype=object)
+    scipy.io.savemat(tmp_path / "a.mat", {"emg": EMG.T, "units": units})
+    with pytest.raises(EmgfaceError, match="'units' states mV, uV"):
+        read_recording(array(tmp_path, "a.mat", "emg"))
+    read_recording(array(tmp_path, "a.mat", "emg", 'units = { ZYG_R = "uV" }\n'))
+    scipy.io.savemat(tmp_path / "a.mat", {"emg": EMG.T, "units": "V"})
+    read_recording(array(tmp_path, "a.mat", "emg"), mapping={"units": {"emg": "mV"}})
+
+
+@pytest.mark.parametrize("stated", [np.array([2.0]), np.array(["ZYG_R"], dtype=object)])
+def test_a_list_of_bad_channels_is_a_finding(tmp_path, stated):
+    scipy.io.savemat(tmp_path / "a.mat", {"emg": EMG.T, "bad_channels": stated})
+    assert stated_by(read_recording(array(tmp_path, "a.mat", "emg"))) == ["bad_list"]
+    scipy.io.savemat(tmp_path / "a.mat", {"emg": EMG.T, "bad_channels": np.array([])})
+    assert stated_by(read_recording(array(tmp_path, "a.mat", "emg"))) == []
+
+
+@pytest.mark.parametrize("attribute", ["_FillValue", "missing_value", "valid_max", "valid_range"])
+def test_numbers_that_attributes_call_missing_are_gaps(tmp_path, attribute):
+    values = np.rint(1e3 * EMG.T).astype("i2")
+    values[100:150, 1] = 9999
+    stated = {"valid_max": np.int16(9000), "valid_range": np.array([-9000, 9000], "i2")}
+    with h5py.File(tmp_path / "a.h5", "w") as opened:
+        opened["emg"] = values
+        opened["emg"].attrs[attribute] = stated.get(attribute, np.int16(9999))
+    for more in ("", "step = 0.5\n"):
+        lost = np.isnan(read_recording(array(tmp_path, "a.h5", "emg", more))["emg"].values)
+        assert lost[1, 100:150].all() and lost.sum() == 50
+
+
+@pytest.mark.parametrize(
+    ("line", "result"),
+    [("# Unit: uV", "states uV"), ("Units = V", "states V"), ("EMG unit,uV,uV", "states uV"),
+     ("# Unit: mV", ""), ("unit: see below", ""), ("Gain = 500", "conversion"),
+     ("# scale factor: 0.5", "conversion"), ("offset;0", ""), ("Subject: unit 5", "")],
+)  # fmt: skip
+def test_lines_before_a_table_are_compared(tmp_path, line, result):
+    path = table(tmp_path, "time,ZYG_L,ZYG_R,OOS_L", more="skip_rows = 1\n")
+    file = tmp_path / "a.csv"
+    file.write_text(f"{line}\n{file.read_text()}")
+    if result.startswith("states"):
+        with pytest.raises(EmgfaceError, match=result):
+            read_recording(path)
+        read_recording(path, mapping={"units": {"emg": "mV"}})
+    else:
+        assert stated_by(read_recording(path)) == ([result] if result else [])
 
 
 def edf(path: Path) -> Path:

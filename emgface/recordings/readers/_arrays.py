@@ -42,6 +42,11 @@ def read_array(path: Path, name: str, unit: str = "", *, counts: bool = False) -
     return array.astype(np.float64)
 
 
+def read_flags(path: Path, name: str) -> np.ndarray:
+    """Return a variable of numbers or logical values, as in the file; DataError as `read_array`."""
+    return np.asarray(_value(path, name, counts=True))
+
+
 def read_texts(path: Path, name: str) -> list[str]:
     """Return a variable of texts, without blanks around them: a cell array, or rows of characters.
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from emgface.errors import DataError
 
+MOST_STATED = 512  #: most values of a variable or attribute that may describe another one
 VALUES_PER_BYTE = 1100
 """Largest number of values per byte of a file; zeros are compressed to about 1/1030."""
 
@@ -119,7 +120,7 @@ def parse_hdf5(
             _require_room(path, name, where.shape)
         if not texts and not counts:
             _require_plain_values(path, where, unit)
-        value = where[()]
+        value = where[()] if texts else _without_missing(where)
         if matlab and where.attrs.get("MATLAB_class") == b"logical":
             value = value.astype(bool)
         if texts and matlab and value.dtype.kind in "Ou":
@@ -138,6 +139,24 @@ def parse_hdf5(
         if h5py.check_ref_dtype(where.dtype) is not None:  # not a number, and cannot be pickled
             return np.full(where.shape, "reference", dtype=object)
     return value.T if matlab and isinstance(value, np.ndarray) else value
+
+
+def _without_missing(item: Any) -> Any:
+    """Numbers of a data set, NaN where its attributes call them missing, by the CF conventions."""
+    value = item[()]
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf":
+        return value
+    stated = {
+        key: np.ravel(item.attrs[key])
+        for key in ("_FillValue", "missing_value", "valid_min", "valid_max", "valid_range")
+        if key in item.attrs and np.asarray(item.attrs[key]).dtype.kind in "iuf"
+    }
+    low, high = stated.get("valid_range", np.array([-np.inf, np.inf]))[[0, -1]]
+    low = max(low, *stated.get("valid_min", [-np.inf]), -np.inf)
+    high = min(high, *stated.get("valid_max", [np.inf]), np.inf)
+    missing = [one for key in ("_FillValue", "missing_value") for one in stated.get(key, ())]
+    lost = np.isin(value, missing) | (value < low) | (value > high)
+    return np.where(lost, np.nan, value) if lost.any() else value
 
 
 def _require_plain_values(path: Path, item: Any, unit: str = "") -> None:
@@ -176,8 +195,10 @@ def parse_contents(path: Path) -> dict[str, Any]:
     """Return the variables of a MATLAB or HDF5 file.
 
     ``variables`` contains shape and kind (``f``, ``i``, ``u``, ``O`` for texts) by name,
-    ``numbers`` the variables and attributes that are a single number.
+    ``numbers`` the variables and attributes that are a single number, ``statements`` the texts and
+    numbers of those with few values.
     """
+    statements: dict[str, list[float | str]] = {}
     variables: dict[str, tuple[tuple[int, ...], str]] = {}
     numbers: dict[str, float] = {}
     with path.open("rb") as stream:
@@ -193,39 +214,79 @@ def parse_contents(path: Path) -> dict[str, Any]:
             if isinstance(item, h5py.Dataset):
                 require_own_data(path, item)
             for key, value in item.attrs.items():
+                place = f"{name}/{key}".lstrip("/")
+                statements[place] = _stated_values(value)
                 if np.size(value) == 1 and np.asarray(value).dtype.kind in "iuf":
-                    numbers[f"{name}/{key}"] = float(np.ravel(value)[0])
+                    numbers[place] = float(np.ravel(value)[0])
             if isinstance(item, h5py.Dataset) and not name.startswith("#"):
                 shape = tuple(reversed(item.shape)) if matlab else tuple(item.shape)
                 kind = "O" if item.dtype.kind in "OSU" else item.dtype.kind
                 variables[name] = (shape, kind)
+                if item.size is not None and item.size <= MOST_STATED:
+                    statements[name] = _stated_values(_characters(item) if matlab else item[()])
                 if item.size == 1 and kind in "iuf":
                     numbers[name] = float(np.ravel(item[()])[0])
 
         with h5py.File(path, "r") as opened:
+            visit("", opened)
             opened.visititems(visit)
-        return {"variables": variables, "numbers": numbers}
+        return {"variables": variables, "numbers": numbers, "statements": statements}
     import scipy.io
 
     kinds = {"cell": "O", "char": "U", "struct": "V", "logical": "b", "sparse": "V"}
     listing: list[Any] = scipy.io.whosmat(str(path), appendmat=False)
     for name, shape, kind in listing:
         variables[name] = (tuple(shape), kinds.get(kind, "f"))
-    content = scipy.io.loadmat(
-        str(path), appendmat=False, variable_names=[n for n, s, _ in listing if np.prod(s) == 1]
-    )
+    small = [name for name, shape, _ in listing if np.prod(shape) <= MOST_STATED]
+    content = scipy.io.loadmat(str(path), appendmat=False, variable_names=small)
     for name, (shape, kind) in list(variables.items()):
-        if int(np.prod(shape)) != 1 or name not in content:
+        if name not in content:
             continue
         value = np.asarray(content[name])
+        statements[name] = _stated_values(value)
+        if int(np.prod(shape)) != 1:
+            continue
         if kind == "f" and value.dtype.kind in "iuf":
             numbers[name] = float(value.ravel()[0])
         for part in value.dtype.names or ():  # a structure
             inner = np.asarray(value[part].ravel()[0])
             variables[f"{name}.{part}"] = (inner.shape, inner.dtype.kind)
+            statements[f"{name}.{part}"] = _stated_values(inner)
             if inner.size == 1 and inner.dtype.kind in "iuf":
                 numbers[f"{name}.{part}"] = float(inner.ravel()[0])
-    return {"variables": variables, "numbers": numbers}
+    return {"variables": variables, "numbers": numbers, "statements": statements}
+
+
+def _stated_values(value: Any) -> list[float | str]:
+    """Texts and finite numbers of a variable or attribute; empty for many or for other contents."""
+    array = np.asarray(value)
+    if array.dtype.names is not None or array.size > MOST_STATED:
+        return []
+    values: list[float | str] = []
+    for item in array.ravel():
+        if isinstance(item, np.ndarray):
+            values += _stated_values(item)
+        elif isinstance(item, bytes):
+            values.append(item.decode("utf-8", "replace").strip("\x00 "))
+        elif isinstance(item, str):
+            values.append(item.strip())
+        elif isinstance(item, np.number | np.bool_ | float | int) and np.isfinite(float(item.real)):
+            values.append(float(item.real))
+    return values
+
+
+def _characters(item: Any) -> Any:
+    """Value of a data set of MATLAB, a text if it contains characters, or the texts of a cell array."""
+    import h5py
+
+    value = item[()]
+    if item.attrs.get("MATLAB_class") == b"char" and value.dtype.kind == "u":
+        return "".join(map(chr, value.ravel(order="F")))
+    if h5py.check_ref_dtype(item.dtype) is None:
+        return value
+    cells = [item.file[one] for one in value.ravel(order="F") if one]
+    small = [c for c in cells if isinstance(c, h5py.Dataset) and (c.size or 0) <= MOST_STATED]
+    return [str(_characters(cell)) for cell in small]
 
 
 def _require_room(path: Path, name: str, shape: tuple[int, ...]) -> None:

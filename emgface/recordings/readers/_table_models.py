@@ -33,6 +33,9 @@ class Table(Parameters):
     columns_variable: str | None = None  #: variable of its labels
     #: dims of that array, in its order: time and channel, or time, marker and axis
     dims: tuple[Literal["time", "channel", "marker", "axis"], ...] = ("time", "channel")
+    #: columns (or variables) that state of every sample whether it is good: the meaning of 1 or true,
+    #: or ``ignored``; labels such as ``valid``, ``ZYG_L_ok`` or ``artifact`` need no entry
+    flags: dict[str, Literal["good", "bad", "ignored"]] = Field(default_factory=dict)
     step: float = 1.0  #: value of one count, negative if the sign is reversed
     zero: float = 0.0  #: count of zero
 

@@ -16,7 +16,8 @@ from emgface.recordings.findings import Finding
 from emgface.recordings.readers._arrays import read_array, read_texts
 from emgface.recordings.readers._build import require_few
 from emgface.recordings.readers._companion import companion_file
-from emgface.recordings.readers._declared import declared_rates, rates_in_lines, times_in
+from emgface.recordings.readers._declared import declared_rates, flags_in, rates_in_lines, times_in
+from emgface.recordings.readers._row_flags import holds_row_flags
 from emgface.recordings.readers._table_models import PositionTable, Table
 from emgface.recordings.timebase import (
     TimeBase,
@@ -35,20 +36,22 @@ _EXACT = {
     for decimal in ".,"
 }
 """Format of a number by its decimal sign, without thousands separators."""
+FLAGS = "may state which samples are good, not a signal"  #: reason of an omitted column
 _MISSING = frozenset({"", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL"})
 """Cells without a value."""
 
 
 def load_table(
     sidecar: Path, table: Table, wanted: Mapping[str, str] | None, folder: Path | None = None
-) -> tuple[pd.DataFrame, TimeBase, dict[str, str]]:
+) -> tuple[pd.DataFrame, TimeBase, dict[str, str], dict[str, np.ndarray]]:
     """Return the numbers described by a table of a sidecar.
 
     `folder` contains the file, by default that of the sidecar. The table has one column of float64
-    for each channel, and three for each marker. Returned in addition are the time base, and the
-    omitted columns with the reason: those that are not `wanted` may contain text and are then
-    omitted. Raises DataError if the file is absent or damaged, contains a cell that is not a
-    number, or does not fit the description, and UnitsError if the unit of time is unknown.
+    for each channel, and three for each marker. Returned in addition are the time base; the omitted
+    columns with the reason (those that are not `wanted` may contain text and are then omitted); and
+    the columns that may state which samples are good (`_row_flags`). Raises DataError if the file is
+    absent or damaged, contains a cell that is not a number, or does not fit the description, and
+    UnitsError if the unit of time is unknown.
     """
     path = companion_file(folder or sidecar.parent, table.file, sidecar.name)
     dropped: dict[str, str] = {}
@@ -61,6 +64,9 @@ def load_table(
         stated = rates_in_lines(text.splitlines()[: table.skip_rows])
         if not table.columns:
             _require_labels(sidecar, path, table, wanted)
+        flags = _separate_flags(sidecar, path, table, frame, wanted)
+        dropped |= dict.fromkeys(flags, FLAGS)
+        frame = frame.drop(columns=list(flags))
         for name in list(frame.columns):
             if frame[name].dtype.kind in "iuf":
                 continue
@@ -74,6 +80,8 @@ def load_table(
         instants = _column_of_time(sidecar, path, table, frame)
     else:
         frame = _array(sidecar, path, table)
+        flags = flags_in(path, table, [str(name) for name in frame.columns], len(frame))
+        _require_flags(sidecar, path, table, flags)
         instants = None
         if table.time is not None:
             instants = read_array(path, table.time, table.time_unit).ravel()
@@ -95,12 +103,36 @@ def load_table(
             base = base.noting(contradicting(columns, rate, by))
         if table.variable is not None:
             base = base.noting(declared_rates(path, table.variable, rate, len(frame), by))
-        return frame, base.noting(cut), dropped
+        return frame, base.noting(cut), dropped, flags
     named = xr.DataArray(instants, dims="time", name=f"{path.name}, {table.time}")
     time = to_si(named.assign_attrs(units=table.time_unit), "time").values
     base = of_stamps(f"{path.name}, {table.time}", time, by=f"the times of {table.time!r}")
     base = base.noting(cut)
-    return frame, with_counter(base, columns), dropped
+    return frame, with_counter(base, columns), dropped, flags
+
+
+def _separate_flags(
+    sidecar: Path,
+    path: Path,
+    table: Table,
+    frame: pd.DataFrame,
+    wanted: Mapping[str, str] | None,
+) -> dict[str, np.ndarray]:
+    """Columns that may state which samples are good, among those that are not `wanted` as signals."""
+    used = {table.time, *(wanted or ())}
+    columns = {str(name): frame[name].to_numpy() for name in frame.columns if name not in used}
+    flags = {n: v for n, v in columns.items() if n in table.flags or holds_row_flags(n, v)}
+    _require_flags(sidecar, path, table, flags)
+    return flags
+
+
+def _require_flags(sidecar: Path, path: Path, table: Table, flags: Mapping[str, object]) -> None:
+    """Refuse a column of flags that the file does not contain."""
+    if absent := [name for name in table.flags if name not in flags]:
+        raise DataError(
+            f"{sidecar.name}: the table 'flags' names {absent[0]!r}; expected columns of {path.name} "
+            "that are no signals, or variables with a value for each sample: correct the sidecar."
+        )
 
 
 def _array(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:

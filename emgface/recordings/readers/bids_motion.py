@@ -39,6 +39,7 @@ from emgface.recordings.readers._build import (
     unique_labels,
 )
 from emgface.recordings.readers._flags import bad_rows, without_bad
+from emgface.recordings.readers._row_flags import with_row_flags
 from emgface.recordings.timebase import TimeBase, of_rate, of_stamps, with_counter
 from emgface.schema.units import to_si
 from emgface.texts import read_text
@@ -173,6 +174,10 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
     array = np.stack([values[:, triple].T for triple in columns])
     data = position_array(array, labels, base, units.get("position", stated_unit))
     part = Part(data, {"position": stated_unit}, dropped, names)
+    others = channels.index.difference(positions.index)
+    part = with_row_flags(
+        part, "marker", base, {str(channels["name"][k]): values[:, k] for k in others}
+    )
     bad = bad_rows(channels, [str(name) for name in positions["name"]])
     point = {str(row["name"]): str(row["tracked_point"]) for _, row in positions.iterrows()}
     of_points = {point[name]: why for name, why in bad.items() if point[name] in labels}

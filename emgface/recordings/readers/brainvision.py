@@ -27,6 +27,7 @@ from emgface.recordings.readers._companion import companion_file
 from emgface.recordings.readers._declared import rates_in_lines
 from emgface.recordings.readers._filters import stated_band
 from emgface.recordings.readers._flags import Mark, is_bad_mark, unapplied_marks, with_bad_samples
+from emgface.recordings.readers._row_flags import with_row_flags
 from emgface.recordings.timebase import of_rate, with_losses
 from emgface.texts import decoded, marked_encoding
 
@@ -80,6 +81,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
         inside[start:stop] = True
         concerned = None if channel is None else labels[channel : channel + 1]
         part = with_bad_samples(part, "channel", base, inside, f"a marker {text!r}", concerned)
+    part = with_row_flags(part, "channel", base, witnesses)
     timed = [
         mark._replace(start=mark.start / rate, duration=mark.duration / rate) for mark in marks
     ]

@@ -21,6 +21,7 @@ from emgface.recordings.readers._c3d_structure import check_structure
 from emgface.recordings.readers._flags import Mark, unapplied_marks
 from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import parse_c3d
+from emgface.recordings.readers._row_flags import with_row_flags
 from emgface.recordings.timebase import of_rate
 
 SUFFIXES = (".c3d",)
@@ -225,6 +226,7 @@ def _analogs(content: Mapping[str, Any], units: Mapping[str, str]) -> Part:
     labels, changed = unique_labels(given + [""] * (count - len(given)), "channel")
     stated = _strings(group, "UNITS")[:count]
     stated += [""] * (count - len(stated))
+    columns = dict(zip(labels, values, strict=True))
     rate, frames = _rate(group, "ANALOG"), content["points"].shape[2]
     frame_rate = _number(content, "POINT", "RATE")
     base = of_rate(
@@ -237,6 +239,7 @@ def _analogs(content: Mapping[str, Any], units: Mapping[str, str]) -> Part:
             if frames and frame_rate
             else None
         },
-        witnesses=dict(zip(labels, values, strict=True)),
+        witnesses=columns,
     )
-    return voltages(values, labels, stated, base, units, changed)
+    part = voltages(values, labels, stated, base, units, changed)
+    return with_row_flags(part, "channel", base, columns)

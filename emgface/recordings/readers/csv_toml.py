@@ -42,6 +42,7 @@ from pydantic import Field
 from emgface.choices import Parameters, configure
 from emgface.errors import DataError, EmgfaceError, listed
 from emgface.recordings.exports import EXPORTS, layout_of
+from emgface.recordings.findings import Kind
 from emgface.recordings.labels import LabelMap, apply_labels
 from emgface.recordings.readers._build import (
     Part,
@@ -51,14 +52,22 @@ from emgface.recordings.readers._build import (
     voltages,
 )
 from emgface.recordings.readers._companion import companion_file
-from emgface.recordings.readers._declared import require_stated_units
-from emgface.recordings.readers._table_models import EmgTable, PositionTable
+from emgface.recordings.readers._declared import (
+    declared_conversions,
+    home_of,
+    require_declared_units,
+    require_stated_units,
+    statements_in_lines,
+    statements_near,
+)
+from emgface.recordings.readers._row_flags import with_row_flags
+from emgface.recordings.readers._table_models import EmgTable, PositionTable, Table
 from emgface.recordings.readers._tables import by_marker, load_table
 from emgface.recordings.readers.text_exports import export_of, part_of
 from emgface.recordings.timebase import TimeBase
 from emgface.schema.rules import hint
 from emgface.signals.filters import sampling_rate
-from emgface.texts import read_toml
+from emgface.texts import read_text, read_toml
 
 SUFFIXES = (".toml",)
 FORMAT = "CSV tables or MATLAB and HDF5 arrays with a TOML sidecar"
@@ -110,16 +119,23 @@ def read(path: Path, units: Mapping[str, str], folder: Path | None = None) -> xr
         if sidecar.emg.layout is not None:
             parts.append(_export(path, sidecar.emg, units, folder))
     if sidecar.emg is not None and sidecar.emg.layout is None:
-        frame, time, dropped = load_table(path, sidecar.emg, sidecar.emg.channels, folder)
-        parts.append(_emg(path, sidecar.emg, units, frame, time, dropped))
+        table = sidecar.emg
+        frame, time, dropped, flags = load_table(path, table, table.channels, folder)
+        part = _emg(path, table, units, frame, time, dropped)
+        given = {"emg", *map(str, frame.columns), *(table.channels or {}).values()} & set(units)
+        part = _with_statements(path, table, part, "channel", bool(given), folder)
+        parts.append(with_row_flags(part, "channel", time, flags, table.flags, home_of(table)))
     if sidecar.position is not None:
-        frame, time, _ = load_table(path, sidecar.position, None, folder)
+        table = sidecar.position
+        frame, time, left, flags = load_table(path, table, None, folder)
         if "position" not in units:
             _require_stated(path, sidecar.position, list(frame.columns))
         values, labels, dropped = by_marker(frame, sidecar.position)
         unit = units.get("position", sidecar.position.unit)
         data = position_array(values, labels, time, unit)
-        parts.append(Part(data, {"position": sidecar.position.unit}, dropped))
+        part = Part(data, {"position": sidecar.position.unit}, left | dropped)
+        part = _with_statements(path, table, part, "marker", "position" in units, folder)
+        parts.append(with_row_flags(part, "marker", time, flags, table.flags, home_of(table)))
     recording = assemble_parts(parts, origin=sidecar.origin)
     labels = LabelMap(
         channels=sidecar.emg.channels if sidecar.emg else None,
@@ -129,6 +145,24 @@ def read(path: Path, units: Mapping[str, str], folder: Path | None = None) -> xr
         repetition=sidecar.repetition,
     )
     return apply_labels(recording, labels)
+
+
+def _with_statements(
+    path: Path, table: Table, part: Part, kind: Kind, given: bool, folder: Path | None
+) -> Part:
+    """Compare what the file states of its numbers with the sidecar; `given` is a unit of a mapping."""
+    file = companion_file(folder or path.parent, table.file, path.name)
+    if table.variable is not None:
+        statements = statements_near(file, table.variable)
+    else:
+        text = read_text(file, table.encoding) if table.skip_rows else ""
+        statements = statements_in_lines(text.splitlines()[: table.skip_rows])
+    others = table.units.values() if isinstance(table, EmgTable) else ()
+    if not given and (table.step, table.zero) == (1.0, 0.0):
+        require_declared_units(file, statements, [table.unit, *others], path)
+    converted = bool({"step", "zero"} & table.model_fields_set)
+    findings = declared_conversions(file, statements, kind, converted)
+    return part._replace(findings=[*part.findings, *findings])
 
 
 def _emg(

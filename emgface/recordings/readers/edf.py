@@ -42,6 +42,7 @@ from emgface.recordings.readers._flags import (
     with_marks,
     without_bad,
 )
+from emgface.recordings.readers._row_flags import with_row_flags
 from emgface.recordings.readers.bids_motion import motion_of_trial
 from emgface.recordings.timebase import TimeBase, of_blocks, of_rate, with_counter
 from emgface.schema.rules import one_line
@@ -161,6 +162,7 @@ def _without_flagged(part: Part, content: _Content, base: TimeBase, labels: Sequ
         for label, values in zip(content.labels, content.values, strict=True)
         if len(values) >= base.stored
     }
+    part = with_row_flags(part, "channel", base, same)
     outside = out_of_range(same)
     if outside is not None:
         part = with_bad_samples(part, "channel", base, outside, "the status (out of range)")

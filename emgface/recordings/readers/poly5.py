@@ -16,6 +16,7 @@ import xarray as xr
 from emgface.errors import DataError
 from emgface.recordings.readers._build import assemble_parts, unique_labels, voltages
 from emgface.recordings.readers._flags import with_bad_samples
+from emgface.recordings.readers._row_flags import with_row_flags
 from emgface.recordings.timebase import of_rate
 
 SUFFIXES = (".poly5", ".s00")
@@ -64,19 +65,21 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     channels, start = _channels(path, data, header, start)
     samples = _samples(path, data, header, channels, start)
     labels, names = unique_labels([channel.label for channel in channels], "channel")
+    columns = dict(zip(labels, samples, strict=True))
     base = of_rate(
         path.name,
         header.periods,
         float(_rate(path, header)),
         by="its header",
-        witnesses=dict(zip(labels, samples, strict=True)),
+        witnesses=columns,
     )
     part = voltages(samples, labels, [channel.unit for channel in channels], base, units, names)
     for label, values in zip(labels, samples, strict=True):
         if label.strip().lower() == "status":
             filled = (np.nan_to_num(values).astype(np.int64) & _FILLED) != 0
             part = with_bad_samples(part, "channel", base, filled, f"bit 8 of {label!r} (no data)")
-    return assemble_parts([part])
+    others = {k: v for k, v in columns.items() if k.strip().lower() != "status"}
+    return assemble_parts([with_row_flags(part, "channel", base, others)])
 
 
 def _text(value: bytes) -> str:

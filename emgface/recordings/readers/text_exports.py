@@ -29,6 +29,7 @@ from emgface.recordings.readers._build import (
     unique_labels,
     voltages,
 )
+from emgface.recordings.readers._row_flags import may_flag_rows, unused_flags
 from emgface.recordings.timebase import TimeBase, of_rate, of_stamps, with_counter
 from emgface.schema.units import quantity_of
 from emgface.texts import read_text, read_toml
@@ -167,7 +168,13 @@ def part_of(path: Path, export: Export, units: Mapping[str, str], lacking: str =
     part = _together(path, used, units, dropped, names)
     of_file = [replace(finding, kind="channel") for finding in export.findings]
     of_file += _counted([column for column in columns if not left_out(column, units.get("emg"))])
-    return part._replace(findings=[*of_file, *left, *part.findings])
+    flags = [
+        label
+        for label, column in zip(labels, columns, strict=True)
+        if label in dropped and may_flag_rows(label, column.values)
+    ]
+    unused = unused_flags(flags, "channel")
+    return part._replace(findings=[*of_file, *left, *unused, *part.findings])
 
 
 def _counted(columns: Sequence[Column]) -> list[Finding]:

@@ -27,6 +27,7 @@ from emgface.recordings.readers._build import (
 from emgface.recordings.readers._flags import Mark, unapplied_marks
 from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import parse_xdf
+from emgface.recordings.readers._row_flags import with_row_flags
 from emgface.recordings.timebase import TimeBase, of_stamps, with_counter
 
 SUFFIXES = (".xdf",)
@@ -167,6 +168,8 @@ def _emg(stream: Mapping[str, Any], base: TimeBase, units: Mapping[str, str]) ->
     values = [stream["values"][:, i] for i in chosen]
     stated = [_text(stream, i, "unit") for i in chosen]
     part = voltages(values, labels, stated, base, units, names)
+    columns = dict(zip(every, stream["values"].T, strict=True))
+    part = with_row_flags(part, "channel", base, columns)
     left = [
         left_out(every[i], kind=_text(stream, i, "type")) for i in range(count) if i not in chosen
     ]
@@ -198,7 +201,9 @@ def _markers(path: Path, stream: Mapping[str, Any], base: TimeBase, unit: str | 
     values = np.stack([stream["values"][:, columns].T for columns in order])
     data = position_array(values, labels, base, unit or stated)
     dropped = {name: "lacks a coordinate" for name in by_marker if name not in whole}
-    return Part(data, {"position": stated}, dropped, names)
+    every = [_text(stream, i, "label") for i in range(stream["values"].shape[1])]
+    columns = dict(zip(unique_labels(every, "channel")[0], stream["values"].T, strict=True))
+    return with_row_flags(Part(data, {"position": stated}, dropped, names), "marker", base, columns)
 
 
 def _text(stream: Mapping[str, Any], index: int, name: str) -> str:
