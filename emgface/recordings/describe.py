@@ -26,7 +26,7 @@ from emgface.recordings.layout import text_layout, unit_in
 from emgface.recordings.readers._arrays import ARRAY_SUFFIXES
 from emgface.recordings.readers._build import unique_labels
 from emgface.recordings.readers._table_models import EmgTable
-from emgface.recordings.readers._tables import FLAGS, load_table
+from emgface.recordings.readers._tables import FLAGS_OF_SAMPLES, load_table
 from emgface.recordings.readers.text_exports import export_of, left_out, part_of
 from emgface.recordings.stamps import TIME_LABELS
 from emgface.recordings.timebase import of_stamps
@@ -214,7 +214,9 @@ def _text_table(
     frame.columns = names
     for name, reason in dropped.items():
         why = "contains text and is left out"
-        why = f"{reason}: the table 'flags' states its meaning" if reason == FLAGS else why
+        why = (
+            f"{reason}: the table 'flags' states its meaning" if reason == FLAGS_OF_SAMPLES else why
+        )
         draft.lines.append(f"# The column {toml_value(name)} {why}.")
     units = dict(zip(given.get("columns", layout.labels), layout.units, strict=False))
     return frame, {name: units.get(name) or unit_in(name) for name in names}

@@ -36,7 +36,7 @@ _EXACT = {
     for decimal in ".,"
 }
 """Format of a number by its decimal sign, without thousands separators."""
-FLAGS = "may state which samples are good, not a signal"  #: reason of an omitted column
+FLAGS_OF_SAMPLES = "may state which samples are good, not a signal"  #: reason of an omitted column
 _MISSING = frozenset({"", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL"})
 """Cells without a value."""
 
@@ -65,7 +65,7 @@ def load_table(
         if not table.columns:
             _require_labels(sidecar, path, table, wanted)
         flags = _separate_flags(sidecar, path, table, frame, wanted)
-        dropped |= dict.fromkeys(flags, FLAGS)
+        dropped |= dict.fromkeys(flags, FLAGS_OF_SAMPLES)
         frame = frame.drop(columns=list(flags))
         for name in list(frame.columns):
             if frame[name].dtype.kind in "iuf":
