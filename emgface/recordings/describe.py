@@ -30,13 +30,14 @@ from emgface.recordings.readers._tables import FLAGS_OF_SAMPLES, load_table
 from emgface.recordings.readers.text_exports import export_of, left_out, part_of
 from emgface.recordings.stamps import TIME_LABELS
 from emgface.recordings.timebase import of_stamps
+from emgface.recordings.verdicts import MOST_EMG_RATE
 from emgface.schema.units import DIVISORS, spelling
 
 TABLE_SUFFIXES: Final = (".csv", ".txt", ".tsv", ".dat", ".asc", ".gz")  #: suffixes of text tables
 PLAUSIBLE: Final = (1e-6, 1e-3)
 """Range of the fast part of surface EMG [V], by which its unit is guessed: three decades apart."""
 #: plausible sampling rates [Hz], by which the unit of time is guessed
-PLAUSIBLE_RATES: Final = (20.0, 100e3)
+PLAUSIBLE_RATES: Final = (20.0, MOST_EMG_RATE)
 AXIS_ENDINGS: Final = (
     ("_x", "_y", "_z"),
     (".x", ".y", ".z"),

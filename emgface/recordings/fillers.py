@@ -103,7 +103,9 @@ def _rough(values: np.ndarray, period: float) -> bool:
     if not 0 < period <= LONGEST_EMG_INTERVAL:
         return False
     lag = max(8, round(5e-3 / period))
-    near, far = (np.abs(values[k:] - values[:-k]) for k in (1, lag) if k < values.size)
+    if lag >= values.size:
+        return False
+    near, far = (np.abs(values[k:] - values[:-k]) for k in (1, lag))
     moving = near[near > 0], far[far > 0]
     if not all(part.size for part in moving):
         return False

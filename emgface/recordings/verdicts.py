@@ -18,6 +18,8 @@ CLIPPED = 0.01
 """Share of samples at one extreme value above which a channel is regarded as clipped."""
 LEAST_EMG_RATE = 800.0
 """Sampling rate [Hz] below which surface EMG, to 400-500 Hz (van Boxtel 2001), is lost or folded."""
+MOST_EMG_RATE = 100e3
+"""Sampling rate [Hz] that no amplifier of EMG has: the rate or the unit of the times is wrong."""
 JITTER = 0.1
 """Part of the sampling interval by which intervals may differ before the clock is suspect."""
 
@@ -116,6 +118,8 @@ def _band(name: str, rate: float) -> list[Finding]:
     except SignalError:
         band = {"low": wanted.low, "high": wanted.high}
         return [Finding("no_band", "channel", name, {"rate": rate, "half": rate / 2, **band})]
+    if rate > MOST_EMG_RATE:
+        return [Finding("fast", "channel", name, {"rate": rate})]
     if rate < LEAST_EMG_RATE:
         return [Finding("slow", "channel", name, {"rate": rate, "half": rate / 2})]
     if high < wanted.high:

@@ -8,6 +8,7 @@ import pytest
 
 from emgface.errors import ConfigurationError, DataError, EmgfaceError, UnitsError
 from emgface.muscles import CHANNELS, FACE_MARKERS, LIP_MARKERS
+from emgface.recordings.check import check_recording
 from emgface.recordings.dataset import find_recordings, read_recording
 from emgface.recordings.labels import note
 
@@ -272,3 +273,17 @@ def test_repeated_labels_are_refused(tmp_path: Path, table: str, columns: str, m
     )
     with pytest.raises(EmgfaceError, match=match):
         read_recording(sidecar)
+
+
+@pytest.mark.parametrize("start", [0.0, 738000.0])
+def test_times_in_days_that_were_stated_in_seconds_are_an_error_of_the_check(tmp_path, start):
+    """Date numbers of MATLAB: 172.8 MHz, at which the search for fillers failed."""
+    days = start + np.arange(4000) / 2000.0 / 86400.0
+    values = np.random.default_rng(3).normal(scale=0.05, size=4000)
+    rows = [f"{day:.12f},{value:.5f}" for day, value in zip(days, values, strict=True)]
+    (tmp_path / "a.csv").write_text("\n".join(["time,ZYG_L", *rows]) + "\n")
+    (tmp_path / "a.toml").write_text(
+        'schema = "recording"\n[emg]\nfile = "a.csv"\ntime = "time"\nunit = "mV"\n'
+    )
+    (row,) = check_recording(read_recording(tmp_path / "a.toml")).to_dict("records")
+    assert row["verdict"] == "error" and "check the rate, or the unit of the times" in row["reason"]
