@@ -43,7 +43,7 @@ def read_events(path: str | Path) -> pd.DataFrame:
     if result["onset"].isna().any():
         raise DataError(f"{path.name} has an event without onset; expected seconds: repair it.")
     label = next((name for name in ("trial_type", "value") if name in table.columns), None)
-    result["label"] = table[label] if label else ""
+    result["label"] = table[label].replace("n/a", "") if label else ""
     return result
 
 
@@ -58,13 +58,21 @@ def cut_trials(
 
     `events` has the columns ``onset`` and ``duration`` [s], and ``label``, the instruction unless
     it is empty (`read_events`, `find_repetitions`); the trial begins `before` the onset and ends
-    `after` the end [s]. Yields trials with time 0 at their start; ``repetition`` counts the events
-    of the same instruction, ``cut_from`` is the interval in the long recording [s]. Events whose
+    `after` the end [s]. Yields trials in the order of their onsets, with time 0 at their start;
+    ``repetition`` counts the events of the same instruction, ``cut_from`` is the interval in the long
+    recording [s]. Raises SignalError for a duration below zero. Events whose
     interval extends beyond the recording are omitted; a SignalError lists them after the last trial.
     """
     counts: dict[str, int] = {}
     outside, spans = list[str](), list[tuple[float, float]]()
+    events = events.sort_values("onset", kind="stable")
     for onset, duration, label in zip(*(events[c] for c in EVENT_COLUMNS), strict=True):
+        if duration < 0:
+            raise SignalError(
+                f"the event at {onset:.4g} s has the duration {duration:.4g} s, expected 0 s or more: "
+                "repair the events"
+            )
+        label = "" if pd.isna(label) else label
         start, stop = float(onset) - before, float(onset) + float(duration) + after
         instruction = str(label) or str(recording.attrs.get("instruction", ""))
         counts[instruction] = counts.get(instruction, 0) + 1

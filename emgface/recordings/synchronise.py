@@ -16,6 +16,11 @@ def synchronise(recording: xr.Dataset, offset: float) -> xr.Dataset:
     """
     if "emg" not in recording or "position" not in recording:
         raise SignalError("the recording lacks EMG or markers, expected both for synchronisation")
+    if not np.isfinite(offset):
+        raise SignalError(
+            f"the offset of the clocks is {offset} s, expected a finite number: specify the time of "
+            "the EMG at which the markers begin, minus their own"
+        )
     time = recording["time_marker"]
     moved = offset + time.values
     emg = recording["time_emg"].values

@@ -12,9 +12,10 @@ If minimum and maximum of Eq. 8 are those of a session or of maximum-effort reco
 `feature_range` computes them once for all trials.
 """
 
+import json
 import warnings
-from collections.abc import Callable, Iterable
-from typing import Any, Literal
+from collections.abc import Iterable
+from typing import Any, Final, Literal
 
 import numpy as np
 import xarray as xr
@@ -27,7 +28,7 @@ from emgface.errors import (
     SignalError,
     UnitsError,
 )
-from emgface.muscles import MUSCLES
+from emgface.muscles import CHANNELS, MUSCLES
 from emgface.recordings.findings import ATTRIBUTE, Finding, findings_in, with_findings
 from emgface.signals.doubtful import doubtful_rows, little_in_common
 from emgface.signals.envelope import muscle_activation
@@ -37,11 +38,12 @@ from emgface.signals.filters import (
     bandpass,
     constant_rows,
     pass_band,
+    row_dim,
     sampling_rate,
     too_large_for_semg,
 )
-from emgface.signals.mapping import map_channels
-from emgface.signals.montage import montage_of, with_mirrored
+from emgface.signals.mapping import map_channels, sources_of
+from emgface.signals.montage import Montage, montage_of, with_mirrored
 from emgface.signals.normalisation import normalise
 from emgface.signals.parameters import SignalChain
 from emgface.signals.resampling import resample, simulation_times
@@ -85,6 +87,7 @@ def activation_of(
     doubts = findings_in(feature)
     extent = _extent_for(recording, chain, feature, session, reference)
     normalised = normalise(feature, extent, chain.normalisation)
+    doubts += [*findings_in(normalised), *_of_other_channels(feature, montage, extent)]
     if chain.feature.kind == "envelope":
         normalised = muscle_activation(normalised, chain.feature.A)
     if chain.mapping.mapping_stage == "activation":
@@ -206,24 +209,28 @@ def feature_range(recordings: Iterable[xr.Dataset], chain: SignalChain) -> xr.Da
     `recordings` are all trials of a volunteer (reach "session") or maximum-effort recordings, which
     should include some rest (reach "reference"); they are read one at a time. The result contains
     ``minimum`` and ``maximum`` over muscle (over channel if mapping_stage is "activation"), in the
-    unit of the feature, with the attributes volunteer, recordings (their number), sampling_rate [Hz]
-    and parameters (JSON of the stages that determine the feature). Raises SignalError, SchemaError or
-    UnitsError if there is no recording, one cannot be processed, or their sampling rates give
-    different features, and ConfigurationError if they are of different volunteers.
+    unit of the feature, with the attributes volunteer, recordings (their number), sampling_rate [Hz],
+    parameters (JSON of the stages that determine the feature) and ``channels_behind``. The range of a
+    muscle is that of the recordings with most of its own channels: a copy of the other side, or a
+    muscle of two channels of which one is missing, has another amplitude. Raises SignalError,
+    SchemaError or UnitsError if there is no recording, one cannot be processed, or their sampling
+    rates give different features, and ConfigurationError if they are of different volunteers.
     """
-    low: xr.DataArray | None = None
-    high: xr.DataArray | None = None
     volunteers: list[str] = []
     rates: list[float] = []
+    rows: dict[str, dict[tuple[str, ...], list[tuple[float, float]]]] = {}
+    dim = units = ""
     for recording in recordings:
         rates.append(sampling_rate(emg_of(recording)[TIME_EMG]))
         _require_one_rate(rates[0], rates[-1], chain, "recordings of the range")
         feature, _ = feature_before_normalisation(recording, chain)
-        lowest, highest = feature.min("time", keep_attrs=True), feature.max("time", keep_attrs=True)
-        low = lowest if low is None else _joined(np.fmin, low, lowest)
-        high = highest if high is None else _joined(np.fmax, high, highest)
+        montage = montage_of(map(str, recording["channel"].values), chain.montage)
+        dim, units = row_dim(feature, "time"), str(feature.attrs["units"])
+        for name, row in zip(map(str, feature[dim].values), feature.values, strict=True):
+            extremes = float(row.min()), float(row.max())
+            rows.setdefault(name, {}).setdefault(montage.channels_behind(name), []).append(extremes)
         volunteers.append(str(recording.attrs.get("volunteer", "")))
-    if low is None or high is None:
+    if not rows:
         raise SignalError(
             "no recording specified for the minimum and maximum, expected at least one: list the "
             "session's trials or the reference recordings"
@@ -233,22 +240,52 @@ def feature_range(recordings: Iterable[xr.Dataset], chain: SignalChain) -> xr.Da
             f"recordings of several volunteers ({', '.join(sorted(set(volunteers)))}) cannot share "
             "one normalisation: compute one range per volunteer"
         )
-    units = {"units": low.attrs["units"]}
+    behind = {name: _most_of_its_own(name, list(sets)) for name, sets in rows.items()}
+    extremes = [np.array(rows[name][channels]) for name, channels in behind.items()]
+    data = {"minimum": [one.min() for one in extremes], "maximum": [one.max() for one in extremes]}
     return xr.Dataset(
-        {"minimum": low.assign_attrs(units), "maximum": high.assign_attrs(units)},
+        {name: (dim, values, {"units": units}) for name, values in data.items()},
+        coords={dim: list(rows)},
         attrs={
             "volunteer": volunteers[0],
             "recordings": len(volunteers),
             "sampling_rate": rates[0],
             "parameters": feature_parameters(chain),
+            CHANNELS_BEHIND: json.dumps({name: " ".join(c) for name, c in behind.items()}),
         },
     )
 
 
-def _joined(extreme: Callable[[Any, Any], Any], a: xr.DataArray, b: xr.DataArray) -> xr.DataArray:
-    """Extreme of two recordings; a row that one recording lacks is taken from the other."""
-    first, second = xr.align(a, b, join="outer", copy=False)
-    return first.copy(data=extreme(first.values, second.values))
+CHANNELS_BEHIND: Final = "channels_behind"
+"""Attribute of a range: channels from which each row was computed, as JSON."""
+
+
+def _most_of_its_own(name: str, sets: list[tuple[str, ...]]) -> tuple[str, ...]:
+    """Of the sets of channels that recordings have for a row, the one with most of the row's own."""
+    own = {name} if name in CHANNELS else set(sources_of(name))
+    return max(sets, key=lambda channels: len(own & set(channels)))
+
+
+def _of_other_channels(
+    feature: xr.DataArray, montage: Montage, extent: xr.Dataset | None
+) -> list[Finding]:
+    """Findings on rows whose range was computed from other channels than the recording has."""
+    if (
+        extent is None or CHANNELS_BEHIND not in extent.attrs
+    ):  # absent in ranges of earlier versions
+        return []
+    dim = row_dim(feature, "time")
+    stored = json.loads(extent.attrs[CHANNELS_BEHIND])
+    pairs = (
+        (name, " ".join(montage.channels_behind(name)), str(stored[name]))
+        for name in map(str, feature[dim].values)
+    )
+    kind = "muscle" if dim == "muscle" else "channel"
+    return [
+        Finding("other_channels", kind, name, {"own": own, "of_range": of_range})
+        for name, own, of_range in pairs
+        if own != of_range
+    ]
 
 
 def check_activation(activation: xr.DataArray) -> None:

@@ -56,6 +56,12 @@ class Montage:
             if not absent & set(sources_of(name)) and available & set(sources_of(name))
         )
 
+    def channels_behind(self, name: str) -> tuple[str, ...]:
+        """Recorded channels that a muscle, or a channel, is computed from; copies name their source."""
+        measured = (name,) if name in CHANNELS else sources_of(name)
+        behind = {c: c for c in self.recorded} | {c: _opposite(c) for c in self.mirrored}
+        return tuple(behind[c] for c in measured if c in behind)
+
     @property
     def sentence(self) -> str:
         """Describe the recorded channels and the treatment of the others."""
@@ -125,6 +131,9 @@ def montage_of(channels: Iterable[str], parameters: MontageParameters) -> Montag
         else:
             treatment = parameters.missing_muscle
         groups.setdefault(treatment, []).append(name)
+    _require_spelling(
+        (name for key, names_of in groups.items() if key in TREATED for name in names_of), names
+    )
     return Montage(
         *(
             tuple(groups.get(key, ()))
@@ -132,6 +141,25 @@ def montage_of(channels: Iterable[str], parameters: MontageParameters) -> Montag
         ),
         ignored=tuple(name for name in names if name not in CHANNELS),
     )
+
+
+TREATED: Final = ("mirror", "zero", "leave_out")  #: chosen treatments of missing channels
+
+
+def _require_spelling(missing: Iterable[str], names: list[str]) -> None:
+    """Refuse to treat a channel as missing that the recording contains in another spelling."""
+    spelled = {_letters(name): name for name in names if name not in CHANNELS}
+    for name in missing:
+        if other := spelled.get(_letters(name)):
+            raise SchemaError(
+                f"the recording has the channel {other!r}, while {name} counts as missing, expected one "
+                f"spelling: rename it to {name} with a mapping"
+            )
+
+
+def _letters(name: str) -> str:
+    """Letters and digits of a name in one case."""
+    return "".join(filter(str.isalnum, name.casefold()))
 
 
 def with_mirrored(emg: xr.DataArray, montage: Montage) -> xr.DataArray:

@@ -3,11 +3,19 @@
 Source: Eskes et al. 2017, Eq. 8.
 """
 
+from typing import Final
+
 import numpy as np
 import xarray as xr
 
 from emgface.errors import ActivationError, SignalError
+from emgface.recordings.findings import ATTRIBUTE, Finding, with_findings
 from emgface.signals.parameters import NormalisationParameters
+
+LARGEST_ABOVE: Final = 0.05
+"""Share of samples above the range that is clipped without a finding [1]."""
+LARGEST_BELOW: Final = 0.5
+"""Share below the range: more means that a muscle is hardly ever active, as with another gain."""
 
 
 def normalise(
@@ -18,9 +26,9 @@ def normalise(
     `feature` has the dims (row, time); `extent` is a `feature_range`, and without one the range is
     that of the trial. `parameters` determine the treatment of a constant feature (0/0), of a muscle
     at rest and of values outside the range. The attributes of the result are ``clipped_fraction``,
-    ``silent`` and ``resting``. Raises SignalError if a feature is constant or none reaches the
-    Willison threshold, and ActivationError if a trial leaves the range of the session or the
-    reference.
+    ``silent``, ``resting``, and findings on rows of which much is outside the range. Raises
+    SignalError if a feature is constant or none reaches the Willison threshold, and ActivationError
+    if a trial leaves the range of the session or the reference.
     """
     dim = str(next(d for d in feature.dims if d != "time"))
     g = feature.transpose(dim, "time")
@@ -50,14 +58,19 @@ def normalise(
     scale = np.where(flat, 1.0, high - low)
     values = np.where(flat[:, None], 0.0, (g.values - low[:, None]) / scale[:, None])
     outside = (values < 0.0) | (values > 1.0)
+    above = below = np.zeros(len(rows))
     if outside.any():
         if parameters.outside == "error":
             k, j = np.unravel_index(np.argmax(np.abs(values - 0.5)), values.shape)
+            remedy = (
+                "use a reference of greater effort" if values[k, j] > 1.0 else "include rest in it"
+            )
             raise ActivationError(
                 f"activation of {dim} {rows[k]} is {values[k, j]:.3g} at t = "
                 f"{float(g['time'][j]):.6g} s, outside 0-1: the trial exceeds the range of the "
-                f"{parameters.reach}; use a reference of greater effort, or choose outside = 'clip'"
+                f"{parameters.reach}; {remedy}, or choose outside = 'clip'"
             )
+        above, below = (values > 1.0).mean(axis=1), (values < 0.0).mean(axis=1)
         values = np.clip(values, 0.0, 1.0)
     result = g.copy(data=values)
     result.attrs |= {
@@ -66,4 +79,15 @@ def normalise(
         "silent": " ".join(silent),
         "resting": " ".join(resting),
     }
-    return result
+    result.attrs.pop(ATTRIBUTE, None)  # those of the feature
+    kind = "muscle" if dim == "muscle" else "channel"
+    return with_findings(
+        result,
+        [
+            Finding("outside_range", kind, name, {"above": high_share, "below": low_share})
+            for name, high_share, low_share in zip(
+                rows, above.tolist(), below.tolist(), strict=True
+            )
+            if high_share > LARGEST_ABOVE or low_share > LARGEST_BELOW
+        ],
+    )

@@ -168,3 +168,23 @@ def test_recordings_without_bursts_are_refused() -> None:
         find_repetitions(signal, least_duration=5.0, least_rest=0.1)
     with pytest.raises(SignalError, match="has gaps"):
         find_repetitions(signal.where(signal["time_emg"] > 1))
+
+
+def test_repetitions_are_counted_in_time_and_labels_may_be_absent(tmp_path: Path) -> None:
+    file = tmp_path / "sub-1_task-all_events.tsv"
+    file.write_text("onset\tduration\ttrial_type\n8\t1\tA\n2\t1\tA\n5\t1\tn/a\n")
+    trials = list(cut_trials(long().assign_attrs(instruction="C"), read_events(file)))
+    cuts = [(t.attrs["instruction"], t.attrs["repetition"], t.attrs["cut_from"][0]) for t in trials]
+    assert cuts == [("A", 1, 2.0), ("C", 1, 5.0), ("A", 2, 8.0)]
+    absent = pd.DataFrame({"onset": [2.0], "duration": [1.0], "label": [np.nan]})
+    (trial,) = cut_trials(long().assign_attrs(instruction="C"), absent)
+    assert trial.attrs["instruction"] == "C"
+
+
+def test_durations_below_zero_and_offsets_without_a_number_are_refused() -> None:
+    events = pd.DataFrame({"onset": [5.0], "duration": [-1.0], "label": ["A"]})
+    with pytest.raises(SignalError, match="at 5 s has the duration -1 s"):
+        list(cut_trials(long(), events, after=2.0))
+    for offset in (float("nan"), float("inf")):
+        with pytest.raises(SignalError, match="expected a finite number"):
+            synchronise(long(), offset=offset)
