@@ -132,7 +132,8 @@ def montage_of(channels: Iterable[str], parameters: MontageParameters) -> Montag
             treatment = parameters.missing_muscle
         groups.setdefault(treatment, []).append(name)
     _require_spelling(
-        (name for key, names_of in groups.items() if key in TREATED for name in names_of), names
+        (name for key, names_of in groups.items() if key in CHOSEN_TREATMENTS for name in names_of),
+        names,
     )
     return Montage(
         *(
@@ -143,7 +144,7 @@ def montage_of(channels: Iterable[str], parameters: MontageParameters) -> Montag
     )
 
 
-TREATED: Final = ("mirror", "zero", "leave_out")  #: chosen treatments of missing channels
+CHOSEN_TREATMENTS: Final = ("mirror", "zero", "leave_out")  #: chosen treatments of missing channels
 
 
 def _require_spelling(missing: Iterable[str], names: list[str]) -> None:
