@@ -19,6 +19,7 @@ from analysis.descriptives import descriptives
 from analysis.listing import trials
 
 ABSENT_CELL: Final = "-"
+PLAIN: Final = 1e9  #: size from which a number is written with a power of ten
 _FORMULA: Final = re.compile(r"[=+\-@\t].")
 
 
@@ -67,7 +68,8 @@ class Column:
         if isinstance(value, float):
             if not math.isfinite(value):
                 return ABSENT_CELL
-            return f"{value * self.factor:.{self.digits}f}"
+            shown = value * self.factor
+            return f"{shown:.{self.digits}f}" if abs(shown) < PLAIN else f"{shown:.4g}"
         return " ".join(str(value).split()) or ABSENT_CELL
 
 

@@ -128,3 +128,12 @@ def test_a_minimal_cube_has_a_table_of_trials() -> None:
     least = cube().drop_vars(["shift", "steps"])
     names = [column.name for column in trial_table(least).columns]
     assert "shift" not in names and "status" in names
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(1e300, "1e+303"), (-1e300, "-1e+303"), (1e-300, "0.00"), (1.5, "1500.00")],
+)
+def test_an_absurd_number_fits_its_column(value: float, shown: str) -> None:
+    """A cell of 300 digits would push all other columns out of the page."""
+    assert Column("rmse", "m", "mm", 1e3).cell(value) == shown

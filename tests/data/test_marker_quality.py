@@ -129,3 +129,25 @@ def test_the_markers_of_a_generated_face_are_not_suspected(coarse: xr.Dataset) -
     named = positions(np.repeat(places[:, :, None], 5, axis=2))
     assert [*model["face_marker"].values, *model["marker"].values] == list(named["marker"].values)
     assert swapped_markers(named).empty
+
+
+@pytest.mark.parametrize("shift", [-6.5, -5.0, -4.5, 4.5, 5.5, 6.5])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_sides_are_not_judged_where_there_is_no_emg(sign: float, shift: float) -> None:
+    """The first or last value of the EMG was held, and compared with a motion of another time."""
+    given = sided(sign)
+    given = given.assign_coords(time_emg=given["time_emg"] + shift)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert swapped_sides(given).empty
+
+
+def test_sides_are_judged_during_the_emg() -> None:
+    for sign in (1.0, -1.0):
+        given = sided(sign)
+        for part in (
+            given.isel(time_emg=slice(int(6 * RATE))),
+            given.isel(time_emg=slice(int(2 * RATE), None)),
+        ):
+            swaps = swapped_sides(part)
+            assert len(swaps) == 4 and (swaps["swapped"] == (sign < 0)).all()

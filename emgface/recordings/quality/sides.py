@@ -27,8 +27,8 @@ def swapped_sides(recording: xr.Dataset) -> pd.DataFrame:
     equally, the difference is noise; only movements to one side are used. The recording contains
     EMG [V] and markers [m] on one clock. Columns are ``left``, ``right`` (channels),
     ``correlation`` (of the two differences over time) and ``swapped`` (True below -0.5). Frames in
-    which a corner or all skull markers are lost are left out. There are no rows if more than half of
-    the frames are, if the corners or both sides of a muscle are missing, or if the EMG has gaps.
+    which a corner or all skull markers are lost, or without EMG, are left out. There are no rows if half
+    of them are, if the corners or both sides of a muscle are missing, or if the EMG has gaps.
     Raises SignalError if a clock is not uniform.
     """
     empty = pd.DataFrame([], columns=list(SIDE_COLUMNS))
@@ -43,6 +43,13 @@ def swapped_sides(recording: xr.Dataset) -> pd.DataFrame:
     frames, way = ways
     emg = recording["emg"]
     rate = sampling_rate(emg[TIME_EMG])
+    # Outside of its time the EMG is unknown; a held value would be compared with the motion.
+    recorded = (frames >= float(emg[TIME_EMG][0])) & (frames <= float(emg[TIME_EMG][-1]))
+    if recorded.sum() < max(2, LEAST_VISIBLE * position.sizes["time_marker"]):
+        return empty
+    frames, way = frames[recorded], way[:, recorded]
+    if not _one_sided(way):
+        return empty
     channels = {str(c) for c in emg["channel"].values}
     rows: list[tuple[str, str, float, bool]] = []
     for muscle in PULLING:
@@ -86,8 +93,10 @@ def _ways(position: xr.DataArray) -> tuple[np.ndarray, np.ndarray] | None:
     size = max(1, round(ENVELOPE_WINDOW * sampling_rate(position["time_marker"])))
     way = np.linalg.norm(corners - np.median(corners, axis=2, keepdims=True), axis=1)
     smooth = uniform_filter1d(way, size, axis=1)
-    # Differences between the sides in symmetric movements do not identify the electrodes.
-    apart = float(np.ptp(smooth[0] - smooth[1]))
-    if not apart > max(LEAST_APART, SHARE_APART * float(np.max(smooth))):
-        return None
     return position["time_marker"].values[kept], smooth
+
+
+def _one_sided(way: np.ndarray) -> bool:
+    """True for a movement to one side; the sides of symmetric ones do not identify the electrodes."""
+    apart = float(np.ptp(way[0] - way[1]))
+    return apart > max(LEAST_APART, SHARE_APART * float(np.max(way)))
