@@ -1,7 +1,10 @@
 """Every registered reader: lost samples are gaps, fillers are gaps, findings follow their channel."""
 
+import hashlib
 import json
+import os
 import struct
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,9 +15,11 @@ import pytest
 import xarray as xr
 
 from emgface.errors import DataError
+from emgface.recordings.bids import write_bids
 from emgface.recordings.dataset import read_recording, readers, write_recording
 from emgface.recordings.findings import findings_in
 from emgface.recordings.synchronise import cut
+from tests.data.made_recordings import face, noise, recording
 from tests.data.test_poly5 import make_poly5
 from tests.data.test_xdf import channel, chunk
 
@@ -167,6 +172,54 @@ def test_every_reader_is_examined() -> None:
     examined = {name.partition(",")[0] for name in (*OF_EMG, *OF_MARKERS)} | ELSEWHERE
     registered = {reader.__name__.rpartition(".")[2] for reader in readers().values()}  # type: ignore[attr-defined]
     assert registered - examined == set(), "add a writer of this format to OF_EMG or OF_MARKERS"
+
+
+_opened: list[str] | None = None
+
+
+def _hook(event: str, arguments: tuple) -> None:
+    if event == "open" and _opened is not None and isinstance(arguments[0], str | os.PathLike):
+        _opened.append(os.path.abspath(os.fspath(arguments[0])))
+
+
+sys.addaudithook(_hook)
+
+
+def opened_by_reading(path: Path, folder: Path) -> set[Path]:
+    """Files in a folder that are opened while a recording is read."""
+    global _opened
+    _opened = []
+    try:
+        read_recording(path)
+        return {Path(one) for one in _opened if one.startswith(f"{folder}{os.sep}")}
+    finally:
+        _opened = None
+
+
+def bids(folder: Path, emg: np.ndarray, kept: Kept) -> Path:
+    """Trial with markers, events and the times of scans."""
+    trial = recording(noise(seconds=4.0), face())
+    place = write_bids(trial.assign_attrs(volunteer="V1", instruction="A", repetition=1), folder)[0]
+    events = place.with_name(place.name.rpartition("_")[0] + "_events.tsv")
+    events.write_text("onset\tduration\ttrial_type\n0.5\t0.25\tBAD\n")
+    return place
+
+
+@pytest.mark.parametrize("name", [*OF_EMG, *OF_MARKERS, "bids"])
+def test_the_digest_covers_each_file_that_is_opened(name: str, tmp_path: Path) -> None:
+    """Tables and markers of a BIDS dataset could change without another digest of the source."""
+    write = {**OF_EMG, "bids": bids}.get(name)
+    if write is None:
+        path = OF_MARKERS[name](tmp_path, MARKER, np.arange(FRAMES))
+    else:
+        path = write(tmp_path, EMG, np.arange(N))
+    files = opened_by_reading(path, tmp_path)
+    assert path in files and (name != "bids" or len(files) > 6), files
+    companions = getattr(readers()[path.suffix], "companions", lambda _: [])
+    covered = [path, *companions(path)]
+    assert files <= set(covered), files - set(covered)
+    whole = hashlib.sha256(b"".join(one.read_bytes() for one in covered)).hexdigest()
+    assert read_recording(path).attrs["source_digest"] == whole
 
 
 def remaining(samples: int, first: int, number: int) -> Kept:

@@ -219,6 +219,11 @@ def sidecar_path(path: Path, ending: str) -> Path | None:
     return None
 
 
+def describing(path: Path, *endings: str) -> list[Path]:
+    """Existing files that describe another one, by their endings (`sidecar_path`)."""
+    return [file for ending in endings if (file := sidecar_path(path, ending)) is not None]
+
+
 def read_tsv(path: Path, *, repeated: bool = False) -> pd.DataFrame:
     """Read a table of texts separated by tabs.
 
@@ -292,12 +297,18 @@ def read_json(path: Path) -> dict[str, Any]:
     return content
 
 
-def start_times(path: Path) -> dict[str, str]:
-    """Return the start times as stated in ``*_scans.tsv``, by file name, of the files of a volunteer."""
+def table_of_scans(path: Path) -> Path | None:
+    """Return the file ``*_scans.tsv`` of the volunteer and session of a file, if it exists."""
     labels = entities(path)
     own = {key: labels[key] for key in ENTITY_ORDER[:2] if key in labels}
     table = path.parent.parent / file_name(own, "scans.tsv") if own else None
-    if table is None or not table.is_file():
+    return table if table is not None and table.is_file() else None
+
+
+def start_times(path: Path) -> dict[str, str]:
+    """Return the start times as stated in ``*_scans.tsv``, by file name, of the files of a volunteer."""
+    table = table_of_scans(path)
+    if table is None:
         return {}
     scans = read_tsv(table)
     if not {"filename", "acq_time"} <= set(scans.columns):

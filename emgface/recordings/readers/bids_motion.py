@@ -20,6 +20,7 @@ from emgface.recordings.bids.names import (
     trial_of,
 )
 from emgface.recordings.bids.sidecars import (
+    describing,
     device,
     lag_between,
     positive_number,
@@ -27,6 +28,7 @@ from emgface.recordings.bids.sidecars import (
     read_tsv,
     sidecar_path,
     start_times,
+    table_of_scans,
     world,
 )
 from emgface.recordings.ends import doubtful_lines
@@ -68,6 +70,22 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     united = assemble_parts([part], origin=origin, device=device(description))
     united = with_findings(united, name_findings(path, description.get("TaskName")))
     return united.assign_attrs(world(description) | trial_of(path))
+
+
+def companions(path: Path) -> list[Path]:
+    """Return the files that describe the positions."""
+    return describing(path, "channels.tsv", "motion.json")
+
+
+def files_of_motion(emg: Path) -> list[Path]:
+    """Return the files from which `motion_of_trial` reads the markers of the trial of an EMG file."""
+    files = _partners(emg, "motion", ("motion.tsv",))[:1]
+    scans = table_of_scans(emg) if files else None
+    return [
+        *files,
+        *(one for file in files for one in companions(file)),
+        *([scans] if scans else []),
+    ]
 
 
 def motion_of_trial(emg: Path, units: Mapping[str, str]) -> list[Part]:

@@ -17,7 +17,12 @@ import xarray as xr
 from emgface.errors import DataError
 from emgface.recordings.bids.electrodes import read_electrodes
 from emgface.recordings.bids.names import name_findings
-from emgface.recordings.bids.sidecars import EmgSidecars, emg_sidecars, sidecar_path
+from emgface.recordings.bids.sidecars import (
+    EmgSidecars,
+    describing,
+    emg_sidecars,
+    sidecar_path,
+)
 from emgface.recordings.events import EVENT_COLUMNS, read_events
 from emgface.recordings.findings import Finding, with_findings
 from emgface.recordings.readers._build import (
@@ -43,7 +48,7 @@ from emgface.recordings.readers._flags import (
     without_bad,
 )
 from emgface.recordings.readers._row_flags import with_row_flags
-from emgface.recordings.readers.bids_motion import motion_of_trial
+from emgface.recordings.readers.bids_motion import files_of_motion, motion_of_trial
 from emgface.recordings.timebase import TimeBase, of_blocks, of_rate, with_counter
 from emgface.schema.rules import one_line
 from emgface.schema.units import quantity_of
@@ -51,6 +56,7 @@ from emgface.schema.units import quantity_of
 SUFFIXES = (".edf", ".bdf")
 FORMAT = "EDF or BDF"
 
+_DESCRIBING = ("channels.tsv", "emg.json", "events.tsv", "electrodes.tsv", "coordsystem.json")
 _HEADER = 256  #: bytes of the general header, and of the header of each signal
 
 
@@ -68,6 +74,13 @@ class _Content(NamedTuple):
 def is_recording(path: Path) -> bool:
     """Return False for an EDF file of another type of a BIDS dataset, such as EEG or iEEG."""
     return not path.stem.endswith(("_eeg", "_ieeg", "_meg", "_nirs", "_physio"))
+
+
+def companions(path: Path) -> list[Path]:
+    """Return the tables, descriptions and markers of a trial of a BIDS dataset."""
+    if emg_sidecars(path) is None:
+        return []
+    return [*describing(path, *_DESCRIBING), *files_of_motion(path)]
 
 
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
