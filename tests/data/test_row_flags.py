@@ -211,6 +211,20 @@ def test_words_in_the_cells_are_flags(tmp_path: Path, label: str, words: tuple[s
     assert codes == ["bad_interval"] and lost.sum() == 2 * 60
 
 
+@pytest.mark.parametrize("words", [("1", ""), ("True", ""), ("good", "")])
+def test_an_empty_cell_calls_no_sample_good(tmp_path: Path, words: tuple[str, str]) -> None:
+    """Such samples were used without a word."""
+    recording = read_recording(csv_mapped(tmp_path, "valid", np.where(GOOD == 1.0, *words)))
+    np.testing.assert_array_equal(np.isnan(recording["emg"][0]), GOOD == 0.0)
+
+
+@pytest.mark.parametrize("write", WRITERS, ids=lambda one: one.__name__)
+def test_other_numbers_of_a_column_of_flags_are_a_finding(tmp_path: Path, write: Write) -> None:
+    """A column `valid` of 0 and 2 was left out without a word."""
+    recording = read_recording(write(tmp_path, "valid", 2.0 * GOOD))
+    assert [f.code for f in findings_in(recording) if f.code in CODES] == ["unused_flags"]
+
+
 def test_a_sidecar_states_the_meaning_of_a_column(tmp_path: Path) -> None:
     for meaning, count in (("good", 120), ("bad", 2 * (N - 60)), ("ignored", 0)):
         path = csv(tmp_path, "status", GOOD, f'flags = {{ status = "{meaning}" }}\n')

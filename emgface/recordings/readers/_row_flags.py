@@ -26,6 +26,7 @@ _NEUTRAL: Final = frozenset(
 )
 _TRUE: Final = frozenset("true yes y 1 1.0".split())
 _FALSE: Final = frozenset("false no n 0 0.0".split())
+_FEW: Final = 10  #: different values of a column of flags
 _SHOWN: Final = 5  #: columns that a finding names
 
 
@@ -77,7 +78,7 @@ def with_row_flags(
         if bad is not None:
             by = f"the column {label!r}"
             part = with_bad_samples(part, dim, base, bad, by, flags.names)
-        elif _varies(cells, flags.graded or given is not None):
+        elif _varies(cells, flags.graded or (given or flags.meaning) is not None):
             unclear.append(label)
     return part._replace(findings=[*part.findings, *unused_flags(unclear, dim)])
 
@@ -102,8 +103,8 @@ def holds_row_flags(label: str, values: object) -> bool:
         return False
     if cells.dtype.kind in "biuf":
         numbers = cells.astype(float)
-        two = bool(np.isin(numbers[np.isfinite(numbers)], (0.0, 1.0)).all())
-        return two or any(word in _GRADED for word in _words(label))
+        few = np.unique(numbers[np.isfinite(numbers)]).size <= _FEW
+        return few or any(word in _GRADED for word in _words(label))
     return set(_texts(cells).tolist()) <= _TRUE | _FALSE | _GOOD | _BAD | {""}
 
 
@@ -128,19 +129,24 @@ def _meaning(label: str, names: Sequence[str]) -> _Flags:
 
 
 def _bad(cells: np.ndarray, meaning: RowMeaning | None) -> np.ndarray | None:
-    """Mask of the bad samples; None if the values are not those of flags or the meaning is unclear."""
+    """Mask of the bad samples; None if the values are not those of flags or the meaning is unclear.
+
+    An empty cell neither calls a sample good nor bad.
+    """
     if cells.dtype.kind in "biuf":
         numbers = cells.astype(float)
-        if meaning is None or not np.isin(numbers[np.isfinite(numbers)], (0.0, 1.0)).all():
+        finite = numbers[np.isfinite(numbers)]
+        if meaning is None or not finite.size or not np.isin(finite, (0.0, 1.0)).all():
             return None
-        return numbers == (0.0 if meaning == "good" else 1.0)
+        return numbers != 1.0 if meaning == "good" else numbers == 1.0
     texts = _texts(cells)
-    words = set(texts)
-    if words <= _GOOD | _BAD | {""} and words & (_GOOD | _BAD):
-        return np.isin(texts, list(_BAD))
-    if meaning is None or not words <= _TRUE | _FALSE | {""}:
+    words = set(texts) - {""}
+    if words and words <= _GOOD | _BAD:
+        return np.isin(texts, list(_BAD)) if words & _BAD else texts == ""
+    if meaning is None or not words or not words <= _TRUE | _FALSE:
         return None
-    return np.isin(texts, list(_FALSE if meaning == "good" else _TRUE))
+    good = np.isin(texts, list(_TRUE))
+    return ~good if meaning == "good" else good
 
 
 def _texts(cells: Iterable[object]) -> np.ndarray:
