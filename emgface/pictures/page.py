@@ -409,7 +409,8 @@ def _in_a_page(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {_in_a_page(key): _in_a_page(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
-        return [_in_a_page(one) for one in value]
+        # most values are numbers of a motion
+        return [one if type(one) in (float, int) else _in_a_page(one) for one in value]
     return value
 
 

@@ -66,12 +66,14 @@ def cut_trials(
     counts: dict[str, int] = {}
     outside, spans = list[str](), list[tuple[float, float]]()
     events = events.sort_values("onset", kind="stable")
+    negative = events[events["duration"] < 0]
+    if len(negative):  # before the first trial is written
+        onset, duration = negative.iloc[0][["onset", "duration"]]
+        raise SignalError(
+            f"the event at {onset:.4g} s has the duration {duration:.4g} s, expected 0 s or more: "
+            "repair the events"
+        )
     for onset, duration, label in zip(*(events[c] for c in EVENT_COLUMNS), strict=True):
-        if duration < 0:
-            raise SignalError(
-                f"the event at {onset:.4g} s has the duration {duration:.4g} s, expected 0 s or more: "
-                "repair the events"
-            )
         label = "" if pd.isna(label) else label
         start, stop = float(onset) - before, float(onset) + float(duration) + after
         instruction = str(label) or str(recording.attrs.get("instruction", ""))

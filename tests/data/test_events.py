@@ -82,6 +82,13 @@ def test_trials_are_cut_by_events(tmp_path: Path) -> None:
     assert written == ["A"]
 
 
+def test_a_negative_duration_is_refused_before_the_first_trial() -> None:
+    """The trials before it were written, and the repeated command refused to replace them."""
+    events = pd.DataFrame({"onset": [2.0, 5.0], "duration": [1.0, -1.0], "label": "A"})
+    with pytest.raises(SignalError, match="the event at 5 s has the duration -1 s"):
+        next(cut_trials(long(), events))
+
+
 @pytest.mark.parametrize(
     ("onsets", "durations", "message"),
     [
