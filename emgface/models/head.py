@@ -19,9 +19,11 @@ from emgface.models.kinds import (
     Person,
     Progress,
     chosen,
+    error_of,
     levels_of,
     names_file,
     refuse_unused,
+    tolerance_of,
 )
 
 
@@ -99,9 +101,7 @@ def move(head: Head, drive: Drive, progress: Progress) -> Moved:
     from emgface.anatomy.head.run import raised, simulate_head
     from emgface.anatomy.jaw.series import read_excitation
 
-    if drive.accuracy is not None:
-        raise HeadError("a head has no --accuracy, expected a --step: specify it in s")
-    path = Path(drive.source)
+    path, tolerance = Path(drive.source), tolerance_of(drive.accuracy)
     step: dict[str, Any] = {} if drive.step is None else {"step": drive.step}
     if (is_file := names_file(drive.source)) and _is_recording(path):
         return _followed(head, path, drive, progress)
@@ -114,10 +114,11 @@ def move(head: Head, drive: Drive, progress: Progress) -> Moved:
         excitation, task = raised(levels, jaw=jaw), " and ".join(levels) or "rest"
     options = chosen(_settings, drive.settings, "law", "gravity")
     motion = simulate_head(
-        head, excitation, duration=drive.duration or 0.5, progress=progress, **options, **step
-    )
+        head, excitation, duration=drive.duration or 0.5, tolerance=tolerance, progress=progress,
+        **options, **step,
+    )  # fmt: skip
     motion.attrs["task"] = task
-    return Moved(motion)
+    return Moved(motion, [error_of(motion, tolerance)])
 
 
 def _is_recording(path: Path) -> bool:
@@ -150,11 +151,15 @@ def _followed(head: Head, path: Path, drive: Drive, progress: Progress) -> Moved
         efforts,
     )
     step: dict[str, Any] = {} if drive.step is None else {"step": drive.step}
-    motion = move_as_recorded(given, head, how, progress=progress, **step)
+    tolerance = tolerance_of(drive.accuracy)
+    motion = move_as_recorded(given, head, how, tolerance=tolerance, progress=progress, **step)
     motion.attrs["task"] = path.stem
+    notes = [error_of(motion, tolerance)]
     if "position" not in given:
-        return Moved(motion)
-    return Moved(motion, (), [("Scores, rmse in mm", rows(score_head(given, motion, head, how)))])
+        return Moved(motion, notes)
+    return Moved(
+        motion, notes, [("Scores, rmse in mm", rows(score_head(given, motion, head, how)))]
+    )
 
 
 def rows(scores: xr.Dataset) -> pd.DataFrame:

@@ -6,7 +6,6 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 import xarray as xr
 
@@ -19,8 +18,10 @@ from emgface.models.kinds import (
     Person,
     Progress,
     chosen,
+    error_of,
     names_file,
     refuse_unused,
+    tolerance_of,
 )
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 
@@ -137,16 +138,6 @@ def _law(law: str = "peck") -> None:
     """Stand for the settings of `simulate_jaw` that a command may change."""
 
 
-def tolerance_of(accuracy: str | None) -> float | None:
-    """Desired error [m] of a text such as "0.1 mm"; JawError for others, such as presets of faces."""
-    from emgface.face.accuracy import desired_error
-
-    tolerance = None if accuracy is None else desired_error(accuracy)
-    if accuracy is not None and tolerance is None:
-        raise JawError(f"accuracy = {accuracy!r}, expected an error such as '0.1 mm'")
-    return tolerance
-
-
 def _unrest(motion: xr.Dataset) -> list[str]:
     """Sentence on the speed of the jaw at the end of a task that should end at rest."""
     from emgface.anatomy.jaw.run import REST_SPEED
@@ -158,20 +149,6 @@ def _unrest(motion: xr.Dataset) -> list[str]:
         f"At the end, {float(motion['time'][-1]):.4g} s, a point still moves at {1e3 * speed:.2g} "
         "mm/s, although the task should end at rest: specify a longer --duration."
     ]
-
-
-def error_of(motion: xr.Dataset, tolerance: float | None) -> str:
-    """Sentence on the estimated error, and how to reduce it if it is large."""
-    error, x = motion.attrs["numerical_error"], motion["position"]
-    moved = float(np.sqrt(((x - x.isel(time=0)) ** 2).sum("axis")).max())
-    text = f"Estimated error of the time steps: {1e3 * error:.2g} mm"
-    text += f", {100.0 * error / moved:.2g} % of the motion." if moved > 0.0 else "."
-    if tolerance is not None and error > tolerance:
-        shortest = 1e3 * motion.attrs["step_s"]
-        text += f" It exceeds the desired error even with the shortest steps, {shortest:.2g} ms."
-    elif tolerance is None and error > 0.1 * moved:
-        text += " It exceeds a tenth of the motion: specify an --accuracy such as '0.1 mm'."
-    return text
 
 
 def write_motion(motion: xr.Dataset, jaw: xr.Dataset, path: Path) -> object:

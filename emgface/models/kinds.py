@@ -323,6 +323,32 @@ def parsed(settings: Sequence[str]) -> dict[str, str]:
     return values
 
 
+def tolerance_of(accuracy: str | None) -> float | None:
+    """Desired error [m] of a text such as "0.1 mm"; ConfigurationError for presets, which faces have."""
+    from emgface.face.accuracy import desired_error
+
+    tolerance = None if accuracy is None else desired_error(accuracy)
+    if accuracy is not None and tolerance is None:
+        raise ConfigurationError(
+            f"accuracy = {accuracy!r}, expected an error such as '0.1 mm': specify one"
+        )
+    return tolerance
+
+
+def error_of(motion: "xr.Dataset", tolerance: float | None) -> str:
+    """Sentence on the estimated error, and how to reduce it if it is large."""
+    error, x = motion.attrs["numerical_error"], motion["position"]
+    moved = float(((x - x.isel(time=0)) ** 2).sum("axis").max()) ** 0.5
+    text = f"Estimated error of the time steps: {1e3 * error:.2g} mm"
+    text += f", {100.0 * error / moved:.2g} % of the motion." if moved > 0.0 else "."
+    if tolerance is not None and error > tolerance:
+        shortest = 1e3 * motion.attrs["step_s"]
+        text += f" It exceeds the desired error even with the shortest steps, {shortest:.2g} ms."
+    elif tolerance is None and error > 0.1 * moved:
+        text += " It exceeds a tenth of the motion: specify an --accuracy such as '0.1 mm'."
+    return text
+
+
 def refuse_unused(drive: Drive, used: Sequence[str], what: str) -> None:
     """Raise ConfigurationError for options of a recording that have no effect on what moves a model.
 

@@ -17,9 +17,11 @@ from emgface.models.kinds import (
     Person,
     Progress,
     chosen,
+    error_of,
     levels_of,
     names_file,
     refuse_unused,
+    tolerance_of,
 )
 from emgface.schema.netcdf import write_netcdf
 
@@ -118,8 +120,7 @@ def move(tongue: xr.Dataset, drive: Drive, progress: Progress) -> Moved:
     from emgface.anatomy.tongue.published import read_gesture
     from emgface.anatomy.tongue.run import TONGUE_OUTPUT, simulate_tongue
 
-    if drive.accuracy is not None:
-        raise TongueError("a tongue has no --accuracy, expected a --step: specify it in s")
+    tolerance = tolerance_of(drive.accuracy)
     refuse_unused(drive, (), "what moves a tongue")
     path, duration = Path(drive.source), drive.duration
     if names_file(drive.source):
@@ -145,10 +146,11 @@ def move(tongue: xr.Dataset, drive: Drive, progress: Progress) -> Moved:
     parameters = _variant(**chosen(_variant, drive.settings, "variant", "gravity"))
     step: dict[str, Any] = {} if drive.step is None else {"step": drive.step}
     motion = simulate_tongue(
-        tongue, excitation, duration=duration, parameters=parameters, progress=progress, **step
-    )
+        tongue, excitation, duration=duration, parameters=parameters, tolerance=tolerance,
+        progress=progress, **step,
+    )  # fmt: skip
     motion.attrs["task"] = name or "rest"
-    return Moved(motion)
+    return Moved(motion, [error_of(motion, tolerance)])
 
 
 def write_motion(motion: xr.Dataset, tongue: xr.Dataset, path: Path) -> object:

@@ -60,6 +60,11 @@ def test_every_kind_is_built_checked_moved_and_shown_by_the_same_commands(kind, 
     moved = run("simulate", source, "--model", model, "--out", motion, "--page", page, *options)
     assert moved.exit_code == 0, moved.output
     assert motion.is_file() and "<html" in page.read_text()
+    assert "Estimated error of the time steps: " in " ".join(moved.output.split())
+    with xr.open_dataset(motion) as data:
+        error = data["numerical_error"].values
+        assert error.shape == data["time"].shape
+        assert data.attrs["numerical_error"] == error.max() > 0.0
     shown = run("show", motion, "--out", tmp_path / "motion.png")
     assert shown.exit_code == 0, shown.output
     assert (tmp_path / "motion.png").read_bytes().startswith(b"\x89PNG")

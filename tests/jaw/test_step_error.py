@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from emgface.anatomy.jaw.run import simulate_jaw
 from emgface.anatomy.jaw.series import ramps
-from emgface.anatomy.jaw.step_error import estimated_error
+from emgface.anatomy.step_error import Repeated
 from emgface.cli import app
 from emgface.schema.netcdf import write_netcdf
 from tests.jaw.small import small_jaw
@@ -60,18 +60,20 @@ def test_steps_are_halved_until_the_desired_error():
     assert missed(motion, drive, **options)[-1] < 1e-4
 
 
-def test_the_estimate_of_a_known_error():
+@pytest.mark.parametrize("other", [0.5, 1.0 / 3.0, 2.0])
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_estimate_of_a_known_error(order, other):
     """x = t + c h^p: the part of the series is exact, and the largest jump so far is added to it."""
     t, h, c = np.linspace(0.0, 1.0, 5), 0.1, 3.0
-    for order in (1, 2):
-        motions = []
-        for step in (h, 0.5 * h):
-            x = np.zeros((2, 3, 5)) + t
-            x[1, 2] += c * step**order * np.array([0.0, 1.0, -2.0, 1.0, 0.0])
-            jump = ("time", np.array([0.0, 0.0, 0.0, 7.0, 1.0]))
-            motions.append(xr.Dataset({"position": (("marker", "axis", "time"), x), "jump": jump}))
-        expected = c * h**order * np.array([0.0, 1.0, 2.0, 2.0, 2.0]) + [0.0, 0.0, 0.0, 7.0, 7.0]
-        np.testing.assert_allclose(estimated_error(*motions, order), expected, atol=1e-13)
+    motions = []
+    for step in (h, other * h):
+        x = np.zeros((2, 3, 5)) + t
+        x[1, 2] += c * step**order * np.array([0.0, 1.0, -2.0, 1.0, 0.0])
+        jump = ("time", np.array([0.0, 0.0, 0.0, 7.0, 1.0]))
+        position = (("marker", "axis", "time"), x)
+        motions.append(xr.Dataset({"position": position, "jump": jump}, attrs={"step_s": step}))
+    expected = c * h**order * np.array([0.0, 1.0, 2.0, 2.0, 2.0]) + [0.0, 0.0, 0.0, 7.0, 7.0]
+    np.testing.assert_allclose(Repeated(*motions, order).error(), expected, atol=1e-13)
 
 
 def test_a_repetition_does_not_change_the_motion():

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
+import sim
 from analysis.align import align
 from analysis.scores import score
 from emgface.anatomy.head.model import Head, require_face_and_jaw
@@ -14,6 +16,7 @@ from emgface.anatomy.head.scene import HeadScene, head_scene
 from emgface.anatomy.jaw.emg import JAW_CHANNELS, excitation_of
 from emgface.anatomy.jaw.recorded import INCISOR, score_motion
 from emgface.anatomy.jaw.series import Excitation, excitation_in
+from emgface.anatomy.step_error import order_of_steps, repeated_motion
 from emgface.errors import HeadError
 from emgface.face.identity import belongs
 from emgface.face.measured import measured_during
@@ -133,18 +136,21 @@ def move_as_recorded(
     drive: RecordedDrive | None = None,
     *,
     step: float = HEAD_STEP,
+    tolerance: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> xr.Dataset:
     """Simulate a head for a recording, from rest under gravity at its first levels.
 
     Tissue, muscles and contact of the face are those of the study; step and solver are not, because
-    a moving jaw requires linearly implicit steps.
+    a moving jaw requires linearly implicit steps. `tolerance` is the desired error [m].
     """
     given = drive or RecordedDrive()
     levels = excitation_of_head(recording, head, given)
     simulation = given.study.simulation
     scene = head_scene(head, face=simulation, gravity=simulation.gravity)
-    return _moved(head, scene, levels, simulation.output, step, progress)
+    return _moved(
+        head, scene, levels, simulation.output, step, tolerance=tolerance, progress=progress
+    )
 
 
 def _moved(
@@ -153,14 +159,17 @@ def _moved(
     levels: Excitation,
     output: float,
     step: float,
-    progress: Callable[[int, int], None] | None = None,
+    **options: Any,
 ) -> xr.Dataset:
-    """Motion for levels, after the head has come to rest at the first of them."""
+    """Motion for levels, after the head has come to rest at the first of them.
+
+    `options` are check, tolerance and progress of `simulate_head`.
+    """
     first = output * np.ceil(SETTLING_TIME / output)
     duration = float(first + output * np.floor(levels.time[-1] / output + 1e-9))
     later = Excitation(levels.time + first, levels.values, levels.recorded_start)
     motion = simulate_head(
-        head, later, duration=duration, scene=scene, step=step, output=output, progress=progress
+        head, later, duration=duration, scene=scene, step=step, output=output, **options
     )
     motion = motion.isel(time=motion["time"].values > first - 1e-9)
     shifted = ("time", motion["time"].values - motion["time"].values[0], motion["time"].attrs)
@@ -175,9 +184,9 @@ def trajectory_of_head(
     """Motion of the lips of a head, in the form of `emgface.face.motion.simulate_face`.
 
     Linearly implicit steps of 5 ms, halved where they fail, from rest at the first levels. The
-    motion is repeated with twice the step, and ``numerical_error`` is the distance of the markers
-    between both: the error of a method of first order. ``incisor`` (axis, time) is the lower one,
-    and the attribute ``incisor_error`` its error. Step, solver and tolerances of the parameters do
+    motion is repeated with other steps, and ``numerical_error`` is the error of the lips until every
+    instant (`emgface.anatomy.step_error`). ``incisor`` (axis, time) is the lower one, and the
+    attribute ``incisor_error`` its error. Step, solver and tolerances of the parameters do
     not apply. Raises HeadError for a reduced face, or times other than the recorded ones.
     """
     p = parameters
@@ -191,17 +200,19 @@ def trajectory_of_head(
     values = {str(m): activation.sel(muscle=m).values for m in activation["muscle"].values}
     levels = Excitation(time, values, start)
     scene = head_scene(head, face=p, gravity=p.gravity)
-    rough, motion = (
-        _moved(head, scene, levels, p.output, h, None) for h in (2 * HEAD_STEP, HEAD_STEP)
+    pair = repeated_motion(
+        lambda h, _: _moved(head, scene, levels, p.output, h, check=False),
+        HEAD_STEP,
+        p.output,
+        order_of_steps(sim.LinearlyImplicitEuler()),
     )
-    face = head.parts["face"]
-    x, other = (m["position"].sel(marker=face["marker"].values) for m in (motion, rough))
-    error = xr.apply_ufunc(np.sqrt, ((x - other) ** 2).sum(dim="axis").max(dim="marker"))
-    teeth = [m["position"].sel(marker=INCISOR, drop=True) for m in (motion, rough)]
+    motion, face = pair.motion, head.parts["face"]
+    lips = face["marker"].values.tolist()
+    x, error = motion["position"].sel(marker=lips), pair.error(lips)
     variables = {
         "position": x.transpose("marker", "axis", "time"),
-        "incisor": teeth[0].transpose("axis", "time"),
-        "numerical_error": error.assign_attrs(units="m"),
+        "incisor": motion["position"].sel(marker=INCISOR, drop=True).transpose("axis", "time"),
+        "numerical_error": ("time", error, {"units": "m"}),
         "surface_position": motion["node_position"]
         .isel(node=nodes)
         .rename(node="surface_node")
@@ -215,19 +226,19 @@ def trajectory_of_head(
     trajectory.attrs = {
         "solver": "linearly_implicit",
         "contact": p.contact.method,
-        "step": HEAD_STEP,
+        "step": float(motion.attrs["step_s"]),
         "output": p.output,
         "sigma_max": p.sigma_max,
         "origin": "simulated",
         "head": str(head.lists.attrs["name"]),
         "recorded_start": start,
         "recorded_pace": 1.0,
-        "run_time_s": float(rough.attrs["run_time_s"] + motion.attrs["run_time_s"]),
+        "run_time_s": float(pair.motion.attrs["run_time_s"] + pair.other.attrs["run_time_s"]),
     }
     trajectory.attrs["motion"] = moved = largest_motion(trajectory)
-    trajectory.attrs["numerical_error"] = float(error.max())
-    trajectory.attrs["incisor_error"] = float(((teeth[0] - teeth[1]) ** 2).sum("axis").max() ** 0.5)
-    trajectory.attrs["inaccurate"] = int(float(error.max()) > 0.1 * moved)
+    trajectory.attrs["numerical_error"] = float(error[-1])
+    trajectory.attrs["incisor_error"] = float(pair.error([INCISOR])[-1])
+    trajectory.attrs["inaccurate"] = int(error[-1] > 0.1 * moved)
     return belongs(trajectory, face)
 
 

@@ -11,6 +11,7 @@ import sim
 from emgface.anatomy.head.model import GROUP_SCHEMAS, Head, read_parts
 from emgface.anatomy.head.scene import TONGUE, HeadScene, head_scene
 from emgface.anatomy.jaw.series import Excitation, ramps
+from emgface.anatomy.step_error import order_of_steps, with_step_error
 from emgface.anatomy.tongue.parameters import TongueParameters
 from emgface.anatomy.tongue.scene import LINE_ENDING
 from emgface.errors import HeadError
@@ -41,6 +42,8 @@ def simulate_head(
     output: float = HEAD_OUTPUT,
     integrator: Integrator | None = None,
     scene: HeadScene | None = None,
+    check: bool = True,
+    tolerance: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> xr.Dataset:
     """Simulate a head.
@@ -61,8 +64,11 @@ def simulate_head(
     scene : HeadScene, optional
         Of the head, for several motions. It has its own face, tongue, law and gravity, which must not
         be specified in addition.
+    check, tolerance
+        Repetition with other steps, which gives ``numerical_error``, and desired error [m], as of
+        `emgface.anatomy.step_error.with_step_error`.
     progress : callable, optional
-        As of `sim.simulate`.
+        As of `sim.simulate`, of every repetition.
 
     Returns
     -------
@@ -94,16 +100,25 @@ def simulate_head(
     parts = scene or head_scene(head, face=face, tongue=tongue, law=law, gravity=gravity)
     system = parts.system
     drive, given, negative = scene_activation(head, system, excitation)
-    motion, _ = sim.simulate(
-        system,
-        drive,
-        duration=duration,
-        steps=sim.HalvingStep(step),
-        every=output,
-        integrator=sim.LinearlyImplicitEuler() if integrator is None else integrator,
-        probes=probes(head, parts),
-        progress=progress,
-    )
+    scheme = sim.LinearlyImplicitEuler() if integrator is None else integrator
+    recorded = probes(head, parts)
+
+    def run(h: float, whole: bool) -> xr.Dataset:
+        return sim.simulate(
+            system,
+            drive,
+            duration=duration,
+            steps=sim.HalvingStep(h),
+            every=output,
+            integrator=scheme,
+            probes=recorded if whole else recorded[:1],
+            progress=progress,
+        )[0]
+
+    if check or tolerance is not None:
+        motion = with_step_error(run, step, output, order_of_steps(scheme), tolerance)
+    else:
+        motion = run(step, True)
     if "node_position" in motion:
         n = parts.scene.mesh.n_nodes
         motion = motion.isel(node=slice(0, n))
@@ -122,7 +137,6 @@ def simulate_head(
     motion.attrs |= {
         "origin": "simulated",
         "head": head.lists.attrs["name"],
-        "step_s": step,
         "clipped_excitation": negative,
     }
     return validate(motion, "head_motion")

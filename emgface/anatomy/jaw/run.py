@@ -10,13 +10,12 @@ from emgface.anatomy.jaw.model import Floats
 from emgface.anatomy.jaw.probes import Lines, Resistance
 from emgface.anatomy.jaw.scene import JawScene, jaw_scene
 from emgface.anatomy.jaw.series import Excitation
-from emgface.anatomy.jaw.step_error import Jumps, with_step_error
 from emgface.anatomy.jaw.tasks import JawTask, turned_head
+from emgface.anatomy.step_error import Jumps, order_of_steps, with_step_error
 from emgface.errors import JawError
 from emgface.muscles import AXES
 from emgface.schema.validation import validate
 from sim.integrators import Integrator
-from sim.integrators.contract import TimeIntegrator
 from sim.probes import Probe
 from sim.scene import Term
 
@@ -69,7 +68,7 @@ def simulate_jaw(
         `sim.LinearlyImplicitEuler` by default.
     check : bool
         Whether the motion is repeated with half the step to estimate its error
-        (`emgface.anatomy.jaw.step_error`), the variable ``numerical_error``.
+        (`emgface.anatomy.step_error`), the variable ``numerical_error``.
     tolerance : float, optional
         Desired error [m]; steps are halved until the estimated error is at most this, or 2^-6 of
         `step`.
@@ -131,8 +130,8 @@ def simulate_jaw(
         return motion
 
     if check or tolerance is not None:
-        power = scheme.order if isinstance(scheme, TimeIntegrator) else 1
-        motion = with_step_error(run, step, power, tolerance)
+        # longer steps may be too long for the muscles
+        motion = with_step_error(run, step, output, order_of_steps(scheme), tolerance, shorter=True)
     else:
         motion = run(step)
     motion = motion.drop_vars([v.name for probe in effort for v in probe.variables()])

@@ -76,7 +76,8 @@ def action_table(
 ) -> pd.DataFrame:
     """Action of every muscle of both sides, without gravity (`action`).
 
-    A muscle whose simulation fails has the reason in the column ``fails``.
+    ``error_mm`` is the estimated error of the time steps. A muscle whose simulation fails has the
+    reason in the column ``fails``.
     """
     p = (parameters or TongueParameters()).model_copy(update={"gravity": False})
     names, rows = muscle_exciters(tongue), list[dict[str, object]]()
@@ -91,6 +92,7 @@ def action_table(
                 step=step,
             )
             row |= {key: round(value, 4) for key, value in action(motion).items()}
+            row["error_mm"] = round(1e3 * motion.attrs["numerical_error"], 4)
         except sim.SimulationError as error:
             row["fails"] = str(error)
         rows.append(row)

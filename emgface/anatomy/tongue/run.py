@@ -7,6 +7,7 @@ import xarray as xr
 
 import sim
 from emgface.anatomy.jaw.series import Excitation
+from emgface.anatomy.step_error import order_of_steps, with_step_error
 from emgface.anatomy.tongue.parameters import TongueParameters
 from emgface.anatomy.tongue.scene import tongue_activation, tongue_scene
 from emgface.face.parts import Floats
@@ -31,6 +32,8 @@ def simulate_tongue(
     step: float = TONGUE_STEP,
     output: float = TONGUE_OUTPUT,
     integrator: Integrator | None = None,
+    check: bool = True,
+    tolerance: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> xr.Dataset:
     """Simulate a tongue on bodies that stay or move along given paths.
@@ -49,8 +52,11 @@ def simulate_tongue(
         Largest time step, halved where it fails, and time between outputs [s].
     integrator : optional
         `sim.ConvergedEuler` by default.
+    check, tolerance
+        Repetition with other steps, which gives ``numerical_error``, and desired error [m], as of
+        `emgface.anatomy.step_error.with_step_error`.
     progress : callable, optional
-        As of `sim.simulate`.
+        As of `sim.simulate`, of every repetition.
 
     Returns
     -------
@@ -71,20 +77,26 @@ def simulate_tongue(
     given, negative = excitation.activation(tongue)
     values = given.transpose("time", "muscle").values
     markers = tuple(map(str, tongue["marker"].values))
-    motion, _ = sim.simulate(
-        system,
-        sim.Activation(excitation.time, tongue_activation(tongue, system, values)),
-        duration=duration,
-        steps=sim.HalvingStep(step),
-        every=output,
-        integrator=sim.ConvergedEuler() if integrator is None else integrator,
-        probes=(
-            sim.Markers(tongue["marker_node"].values.astype(np.int64), markers),
-            sim.Positions(),
-            sim.SmallestJ(),
-        ),
-        progress=progress,
-    )
+    drive = sim.Activation(excitation.time, tongue_activation(tongue, system, values))
+    scheme = sim.ConvergedEuler() if integrator is None else integrator
+    points = sim.Markers(tongue["marker_node"].values.astype(np.int64), markers)
+
+    def run(h: float, whole: bool) -> xr.Dataset:
+        return sim.simulate(
+            system,
+            drive,
+            duration=duration,
+            steps=sim.HalvingStep(h),
+            every=output,
+            integrator=scheme,
+            probes=(points, sim.Positions(), sim.SmallestJ()) if whole else (points,),
+            progress=progress,
+        )[0]
+
+    if check or tolerance is not None:
+        motion = with_step_error(run, step, output, order_of_steps(scheme), tolerance)
+    else:
+        motion = run(step, True)
     return validate(_labelled(tongue, motion, excitation, values, p, negative), "tongue_motion")
 
 
