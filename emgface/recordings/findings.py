@@ -22,6 +22,7 @@ FINDING_KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
 _Data = TypeVar("_Data", xr.Dataset, xr.DataArray)
 
 ATTRIBUTE: Final = "findings"  #: attribute of a dataset that contains its findings
+_MANY: Final = ("gaps", "doubtful_marks", "harmless_marks")  #: codes of findings at many instants
 MOST_FINDINGS: Final = 2000  #: most findings that a dataset stores; further ones are counted
 
 
@@ -136,7 +137,7 @@ def within(dataset: xr.Dataset, start: float, stop: float) -> xr.Dataset:
     """Keep the findings without an instant, and those that extend into an interval [s]."""
 
     def keep(finding: Finding) -> Finding | None:
-        if "at" not in finding.values or finding.code in ("gaps", "doubtful_marks"):
+        if "at" not in finding.values or finding.code in _MANY:
             return finding
         first = float(finding.values["at"])
         last = first + float(finding.values.get("seconds", 0.0))

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -20,11 +20,17 @@ from emgface.recordings.findings import (
     renamed,
     with_findings,
 )  # fmt: skip
+from emgface.recordings.marks import (
+    BY_MAPPING,
+    StatedMark,
+    labels_of,
+    require_labels,
+    with_gap,
+    with_stated_marks,
+)
 from emgface.recordings.trial_names import TRIAL_FIELDS, check_pattern, is_pattern, trial_in_name
 from emgface.schema.rules import hint
 from emgface.texts import read_toml
-
-BY_MAPPING: Final = "the mapping"  #: where a person marked something as unusable
 
 
 class UnusableSpan(Parameters):
@@ -56,6 +62,8 @@ class Labels(Parameters):
     units: dict[str, str] = Field(default_factory=dict)
     #: channels, markers and spans that must not be used (``emgface show RECORDING --save`` writes them)
     unusable: Unusable = Field(default_factory=Unusable)
+    #: meaning of marks that are stated as doubtful, by their texts
+    marks: dict[str, StatedMark] = Field(default_factory=dict)
     volunteer: str | None = None  #: trial, if the file does not specify it
     instruction: str | None = None
     repetition: int | None = Field(default=None, ge=1)  #: counted from 1
@@ -132,6 +140,7 @@ def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:
     have one name.
     """
     recording = without_unusable(recording, labels.unusable)
+    recording = with_stated_marks(recording, labels.marks)
     names = note(recording, "original_names")
     dropped = note(recording, "dropped")
     channels = [str(v) for v in recording.coords["channel"].values] if "emg" in recording else []
@@ -204,27 +213,28 @@ def without_unusable(recording: xr.Dataset, unusable: Unusable) -> xr.Dataset:
     Raises SchemaError if a label is not in the file (with the nearest one), or a span does not lie in
     the recording.
     """
-    findings = list[Finding]()
-    present: dict[Kind, list[str]] = {
-        dim: [str(v) for v in recording[dim].values] if dim in recording.coords else []
-        for dim in ("channel", "marker")
-    }
+    findings, present = list[Finding](), labels_of(recording)
     given: dict[Kind, list[str]] = {
         "channel": [*unusable.channels, *(c for s in unusable.spans for c in s.channels)],
         "marker": [*unusable.markers, *(m for s in unusable.spans for m in s.markers)],
     }
     for dim, names in given.items():
-        for label in names:
-            if label not in present[dim]:
-                raise SchemaError(
-                    f"The file has no {dim} {label!r}{hint(label, present[dim])}; found "
-                    f"{listed(present[dim]) or 'none'}: repair the table 'unusable' of the mapping."
-                )
+        require_labels(dim, names, present[dim], "unusable")
     whole: dict[Kind, list[str]] = {"channel": unusable.channels, "marker": unusable.markers}
     for dim, names in whole.items():
         findings += [Finding("bad", dim, name, {"by": BY_MAPPING, "why": ""}) for name in names]
     for span in unusable.spans:
-        recording, gaps = _with_gap(recording, span, present)
+        named: dict[Kind, list[str]] = {"channel": span.channels, "marker": span.markers}
+        if not (span.channels or span.markers):
+            named = {"channel": [""], "marker": [""]}
+        last = float(np.nextafter(span.stop, np.inf))  # the sample at the stop is part of the span
+        recording, gaps = with_gap(recording, (span.start, last), named, BY_MAPPING)
+        if not gaps:
+            raise SchemaError(
+                f"The unusable span from {span.start:g} to {span.stop:g} s contains no sample of the "
+                "recording; expected times in s in which it was recorded, the smaller one first: repair "
+                "the table 'unusable' of the mapping."
+            )
         findings += gaps
     dropped = note(recording, "dropped")
     if unusable.channels:
@@ -239,36 +249,6 @@ def without_unusable(recording: xr.Dataset, unusable: Unusable) -> xr.Dataset:
         position = recording["position"]
         recording["position"] = position.where(~hidden).assign_attrs(position.attrs)
     return with_findings(recording, findings) if findings else recording
-
-
-def _with_gap(
-    recording: xr.Dataset, span: UnusableSpan, present: Mapping[Kind, list[str]]
-) -> tuple[xr.Dataset, list[Finding]]:
-    """Replace the samples of a span by NaN."""
-    every, touched, findings = not (span.channels or span.markers), False, list[Finding]()
-    recording = recording.copy()
-    kinds: tuple[tuple[Kind, str, str, list[str], str], ...] = (
-        ("channel", "emg", "time_emg", span.channels, "bad_interval"),
-        ("marker", "position", "time_marker", span.markers, "bad_frames"),
-    )
-    for dim, variable, time, names, code in kinds:
-        chosen = present[dim] if every else names
-        if variable not in recording or not chosen:
-            continue
-        inside = (recording[time] >= span.start) & (recording[time] <= span.stop)
-        touched = touched or bool(inside.any())
-        where = recording[dim].isin(chosen) & inside
-        array = recording[variable]
-        recording[variable] = array.where(~where).assign_attrs(array.attrs)
-        values = {"by": BY_MAPPING, "seconds": span.stop - span.start, "at": span.start}
-        findings += [Finding(code, dim, name, values) for name in ([""] if every else chosen)]
-    if not touched:
-        raise SchemaError(
-            f"The unusable span from {span.start:g} to {span.stop:g} s contains no sample of the "
-            "recording; expected times in s in which it was recorded, the smaller one first: repair "
-            "the table 'unusable' of the mapping."
-        )
-    return recording, findings
 
 
 def _demand(dim: str, chosen: dict[str, str], present: list[str], dropped: dict[str, str]) -> None:

@@ -66,7 +66,8 @@ def stored_with(
 
 def warn_of(findings: Iterable[Finding], *, stacklevel: int = 3) -> None:
     """Warn of each kind of finding that the step itself does not state."""
-    for sentence in sentences(finding for finding in findings if finding.code not in STATED):
+    doubts = (f for f in findings if f.code not in STATED and f.verdict != "ok")
+    for sentence in sentences(doubts):
         warnings.warn(sentence, FeatureWarning, stacklevel=stacklevel)
 
 
@@ -84,7 +85,7 @@ def headline(findings: Iterable[Finding]) -> str:
     """Codes with the channels and markers concerned, without numbers, for a column of a table."""
     parts = [
         " ".join(filter(None, (group[0].code.replace("_", " "), _names(group))))
-        for group in _grouped(findings)
+        for group in _grouped(f for f in findings if f.verdict != "ok")
     ]
     return f"check: {', '.join(parts)}" if parts else ""
 

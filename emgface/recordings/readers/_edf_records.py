@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from emgface.recordings.readers._flags import Mark
+from emgface.recordings.marks import Mark
 
 _HEADER = 256
 _LABELS = (b"EDF Annotations", b"BDF Annotations")

@@ -1,79 +1,19 @@
 """Channels and intervals that a file marks as bad: values NaN or left out, each with a finding."""
 
-import re
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 import pandas as pd
 
 from emgface.recordings.findings import Finding, Kind
+from emgface.recordings.marks import Mark, is_bad_mark, unapplied_marks
 from emgface.recordings.readers._build import Part
 from emgface.recordings.timebase import TimeBase
 
 BAD = "marked as bad"  #: begin of the reason of a channel that was left out because it is bad
 _LISTED = 20  #: intervals that are described one by one
 _STATUS: Final = ("good", "bad", "n/a", "", "nan")
-_BAD_MARK: Final = re.compile(r"bad(?:[\s_:@-].*)?", re.IGNORECASE)
-_DOUBTFUL: Final = re.compile(
-    r"art[ei]f[ae][ck]t|\bbad\b|satur|clipp(?:ed|ing)|\b(?:electrodes?|leads?|contact|signal)[ _-]*"
-    r"(?:is |was |are |were )?(?:off|lost|loose|fell|open)\b|disconnect|unplugged|detached|"
-    r"\b(?:off|loose|lost)[ _-]+(?:electrode|lead|contact|signal|cable)|drop[ _-]?out|reject|unusable|"
-    r"corrupt|invalid|\bnoisy\b|\bexclude|\bignore|overload|out of range|schlecht|gest\u00f6rt|"
-    r"mauvais|\bslecht",
-    re.IGNORECASE,
-)
-_SOUND: Final = re.compile(
-    r"\b(?:no|not|non|without|free of|removed|corrected|kein\w*|ohne|sans|geen)\b|[ _-]free\b",
-    re.IGNORECASE,
-)
-
-
-class Mark(NamedTuple):
-    """Annotation of an interval [s] and its text."""
-
-    start: float
-    duration: float
-    text: str
-
-
-def is_bad_mark(text: str) -> bool:
-    """Return True for the text of an annotation or marker that marks data as bad, as in MNE-Python.
-
-    Examples
-    --------
-    >>> is_bad_mark("BAD_movement"), is_bad_mark("bad@@EMG 1"), is_bad_mark("Baden")
-    (True, True, False)
-    """
-    return _BAD_MARK.fullmatch(text.strip()) is not None
-
-
-def unapplied_marks(marks: Sequence[Mark], what: str) -> list[Finding]:
-    """Findings on marks that call data bad without a duration, or that may do so in other words.
-
-    The samples are used, because such a text may also describe what was done or a movement. Many marks
-    in other words are counted by their text.
-    """
-    by_text: dict[str, list[Mark]] = {}
-    moments: list[Finding] = []
-    for mark in marks:
-        text = mark.text.strip()[:80]
-        if is_bad_mark(text):
-            values = {"by": f"the {what} {text!r}", "at": mark.start}
-            moments += [] if mark.duration > 0.0 else [Finding("bad_moment", "channel", "", values)]
-        elif _DOUBTFUL.search(text) and not _SOUND.search(text):
-            by_text.setdefault(text, []).append(mark)
-    groups = list(by_text.items())
-    every = sum(len(same) for _, same in groups) <= _LISTED
-    if every:
-        groups = [(text, [mark]) for text, same in groups for mark in same]
-    return moments + [
-        Finding("doubtful_mark" if every else "doubtful_marks", "channel", "", {
-            "by": f"the {what} {text!r}", "at": same[0].start,
-            "seconds": sum(mark.duration for mark in same), "count": len(same),
-        })
-        for text, same in groups
-    ]  # fmt: skip
 
 
 def with_marks(

@@ -16,6 +16,7 @@ import xarray as xr
 from emgface.errors import DataError
 from emgface.recordings.exports.contract import NUMBER
 from emgface.recordings.findings import Finding
+from emgface.recordings.marks import Mark, is_bad_mark, unapplied_marks
 from emgface.recordings.readers._build import (
     Part,
     assemble_parts,
@@ -26,7 +27,7 @@ from emgface.recordings.readers._build import (
 from emgface.recordings.readers._companion import companion_file
 from emgface.recordings.readers._declared import rates_in_lines
 from emgface.recordings.readers._filters import stated_band
-from emgface.recordings.readers._flags import Mark, is_bad_mark, unapplied_marks, with_bad_samples
+from emgface.recordings.readers._flags import with_bad_samples
 from emgface.recordings.readers._row_flags import with_row_flags
 from emgface.recordings.timebase import of_rate, with_losses
 from emgface.texts import decoded, marked_encoding
@@ -216,7 +217,8 @@ def _marked(
                 place = channel - 1 if channel else None
                 bad.append((max(start - 1, 0), start - 1 + size, place, text))
         elif len(cells) > 3 and cells[2].strip().isdecimal() and cells[3].strip().isdecimal():
-            marks.append(Mark(int(cells[2]) - 1, int(cells[3]), ",".join(cells[:2]).strip(", ")))
+            words = cells[1:2] if cells[0].strip() == "Comment" else cells[:2]
+            marks.append(Mark(int(cells[2]) - 1, int(cells[3]), ",".join(words).strip(", ")))
     return bad, lost, marks
 
 

@@ -10,6 +10,7 @@ import xarray as xr
 
 from emgface.errors import DataError
 from emgface.recordings.findings import Finding
+from emgface.recordings.marks import Mark, unapplied_marks
 from emgface.recordings.readers._build import (
     Part,
     assemble_parts,
@@ -18,7 +19,6 @@ from emgface.recordings.readers._build import (
     voltages,
 )
 from emgface.recordings.readers._c3d_structure import check_structure
-from emgface.recordings.readers._flags import Mark, unapplied_marks
 from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import parse_c3d
 from emgface.recordings.readers._row_flags import with_row_flags

@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import DataError, UnitsError, listed
+from emgface.recordings.marks import Mark, unapplied_marks
 from emgface.recordings.readers._build import (
     Part,
     assemble_parts,
@@ -24,7 +25,6 @@ from emgface.recordings.readers._build import (
     unique_labels,
     voltages,
 )
-from emgface.recordings.readers._flags import Mark, unapplied_marks
 from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import parse_xdf
 from emgface.recordings.readers._row_flags import with_row_flags
