@@ -16,6 +16,7 @@ from emgface.recordings.dataset import read_recording
 from emgface.recordings.describe import describe
 from emgface.recordings.findings import findings_in
 from emgface.recordings.readers._declared import RATE_NAMES
+from tests.data.test_xdf import channel, make, stream
 
 RNG = np.random.default_rng(4)
 EMG = RNG.normal(0.0, 0.05, (3, 4000))
@@ -350,3 +351,27 @@ def test_a_repeated_label_of_a_table_that_its_sidecar_uses_is_refused(tmp_path):
     assert read_recording(table(tmp_path, labels, more=both)).sizes["channel"] == 2
     neither = '[emg.channels]\nOOS_L = "OOS_L"\n'
     assert read_recording(table(tmp_path, labels, more=neither)).sizes["channel"] == 1
+
+
+@pytest.mark.parametrize("key", ["gain", "offset", "conversion", "sensitivity", "bit_volts"])
+@pytest.mark.parametrize("kind", ["channel", "marker"])
+def test_conversions_of_channels_of_xdf_are_stated(tmp_path, kind, key):
+    def codes_with(value: str, **mapping: object) -> list[str]:
+        entries = {"unit": "uV" if kind == "channel" else "mm", key: value}
+        if kind == "channel":
+            labels = [channel(label=k, type="EMG", **entries) for k in ("ZYG_L", "ZYG_R")]
+            path = make(tmp_path, stream(1, "EMG", 1000.0, 5.0, EMG[:2].T, labels))
+        else:
+            labels = [
+                channel(label=f"a_{axis}", marker="a", type=f"Position{axis}", **entries)
+                for axis in "XYZ"
+            ]
+            path = make(tmp_path, stream(1, "MoCap", 100.0, 5.0, EMG.T, labels))
+        found = findings_in(read_recording(path, mapping=mapping))
+        stated = [f for f in found if f.code == "unapplied_conversion"]
+        assert all(f.kind == kind and key in f.sentence for f in stated)
+        return [f"{f.values['value']}" for f in stated]
+
+    assert codes_with("24") == ["24"]
+    assert codes_with("0" if key == "offset" else "1") == []
+    assert codes_with("24", units={"emg": "mV", "position": "mm"}) == []

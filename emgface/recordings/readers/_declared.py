@@ -178,9 +178,17 @@ def _names_unit(name: str) -> bool:
 
 
 def declared_conversions(
-    path: Path, statements: Mapping[str, list[float | str]], kind: Kind, converted: bool
+    path: Path,
+    statements: Mapping[str, list[float | str]],
+    kind: Kind,
+    converted: bool,
+    *,
+    conversion: str = "conversion",
 ) -> list[Finding]:
-    """Findings on conversions, unless the sidecar states one (`converted`), and on bad channels."""
+    """Findings on conversions, unless the sidecar states one (`converted`), and on bad channels.
+
+    `conversion` is the code of the former, ``unapplied_conversion`` for a file without a sidecar.
+    """
     findings: list[Finding] = []
     for name, values in statements.items():
         plain = _plain(name)
@@ -189,7 +197,7 @@ def declared_conversions(
         if any(plain.endswith(word) for word in _CONVERSIONS):
             neutral = {0.0} if "offset" in plain else {0.0, 1.0}
             neutral |= set(_BITS) if "resolution" in plain else set()
-            code = "" if converted or set(numbers) <= neutral else "conversion"
+            code = "" if converted or set(numbers) <= neutral else conversion
         elif _BAD_LISTS.fullmatch(plain) and any(value not in ("", 0.0) for value in values):
             code = "bad_list"
         if code:

@@ -15,6 +15,8 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import DataError, UnitsError, listed
+from emgface.recordings.exports.contract import NUMBER
+from emgface.recordings.findings import Finding, Kind
 from emgface.recordings.marks import Mark, unapplied_marks
 from emgface.recordings.readers._build import (
     Part,
@@ -25,6 +27,7 @@ from emgface.recordings.readers._build import (
     unique_labels,
     voltages,
 )
+from emgface.recordings.readers._declared import declared_conversions
 from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import parse_xdf
 from emgface.recordings.readers._row_flags import with_row_flags
@@ -70,7 +73,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
         if stream not in used
     }
     clocks = [base.moved(-start) for base in bases]
-    parts = [_emg(stream, clocks[0], units) for stream in emg]
+    parts = [_emg(path, stream, clocks[0], units) for stream in emg]
     parts += [_markers(path, stream, clocks[-1], units.get("position")) for stream in markers]
     if parts:
         marks = [
@@ -150,7 +153,21 @@ def _emg_channels(stream: Mapping[str, Any]) -> list[int]:
     return [i for i, kind in enumerate(kinds[:count]) if kind == "emg"]
 
 
-def _emg(stream: Mapping[str, Any], base: TimeBase, units: Mapping[str, str]) -> Part:
+def _conversions(
+    path: Path, stream: Mapping[str, Any], channels: Sequence[int], kind: Kind
+) -> list[Finding]:
+    """Findings on numbers such as ``gain`` in the descriptions of channels, which were not applied."""
+    statements: dict[str, list[float | str]] = {}
+    for i in channels:
+        described: Mapping[str, str] = stream["channels"][i] if i < len(stream["channels"]) else {}
+        for key, text in described.items():
+            if NUMBER.fullmatch(text.strip()) and key != "scaling_factor":  # which `_emg` refuses
+                values = statements.setdefault(key, [])
+                values += [] if float(text) in values else [float(text)]
+    return declared_conversions(path, statements, kind, False, conversion="unapplied_conversion")
+
+
+def _emg(path: Path, stream: Mapping[str, Any], base: TimeBase, units: Mapping[str, str]) -> Part:
     """Channels of EMG, each converted from its own unit; the others of the stream are listed."""
     chosen = _emg_channels(stream)
     count = stream["values"].shape[1]
@@ -168,6 +185,9 @@ def _emg(stream: Mapping[str, Any], base: TimeBase, units: Mapping[str, str]) ->
     values = [stream["values"][:, i] for i in chosen]
     stated = [_text(stream, i, "unit") for i in chosen]
     part = voltages(values, labels, stated, base, units, names)
+    given = {labels[k] for k in range(len(labels)) if {labels[k], "emg"} & set(units)}
+    findings = _conversions(path, stream, [i for i in chosen if every[i] not in given], "channel")
+    part = part._replace(findings=[*part.findings, *findings])
     columns = dict(zip(every, stream["values"].T, strict=True))
     part = with_row_flags(part, "channel", base, columns)
     left = [
@@ -203,7 +223,9 @@ def _markers(path: Path, stream: Mapping[str, Any], base: TimeBase, unit: str | 
     dropped = {name: "lacks a coordinate" for name in by_marker if name not in whole}
     every = [_text(stream, i, "label") for i in range(stream["values"].shape[1])]
     columns = dict(zip(unique_labels(every, "channel")[0], stream["values"].T, strict=True))
-    return with_row_flags(Part(data, {"position": stated}, dropped, names), "marker", base, columns)
+    findings = [] if unit else _conversions(path, stream, places, "marker")
+    part = Part(data, {"position": stated}, dropped, names, findings)
+    return with_row_flags(part, "marker", base, columns)
 
 
 def _text(stream: Mapping[str, Any], index: int, name: str) -> str:
