@@ -210,7 +210,7 @@ def _text_table(
         draft.put("columns", list(given["columns"]), "" if named else "the file contains none",
                   table="emg", sure=named)  # fmt: skip
     table = EmgTable(file=path.name, unit="V", rate=1.0, **given)
-    frame, _, dropped, _ = load_table(path.parent / "the draft", table, wanted={})
+    frame, _, dropped, *_ = load_table(path.parent / "the draft", table, wanted={})
     names = [str(name) for name in frame.columns]
     frame.columns = names
     for name, reason in dropped.items():

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from emgface import texts
 from emgface.errors import ConfigurationError, DataError, EmgfaceError, UnitsError
 from emgface.muscles import CHANNELS, FACE_MARKERS, LIP_MARKERS
 from emgface.recordings.check import check_recording
@@ -287,3 +288,19 @@ def test_times_in_days_that_were_stated_in_seconds_are_an_error_of_the_check(tmp
     )
     (row,) = check_recording(read_recording(tmp_path / "a.toml")).to_dict("records")
     assert row["verdict"] == "error" and "check the rate, or the unit of the times" in row["reason"]
+
+
+def test_the_text_of_a_table_with_lines_before_it_is_decoded_once(tmp_path, monkeypatch) -> None:
+    lines = ["# Unit: uV", "# Sample rate = 1000 Hz", "E1", *(f"{k % 7}" for k in range(2000))]
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    path = tmp_path / "a.toml"
+    path.write_text(
+        'schema = "recording"\n[emg]\nfile = "a.csv"\nskip_rows = 2\nunit = "uV"\nrate = 1000\n'
+    )
+    calls: list[int] = []
+    decode = texts.decoded
+    monkeypatch.setattr(
+        texts, "decoded", lambda data, *a, **k: calls.append(len(data)) or decode(data, *a, **k)
+    )
+    assert read_recording(path).sizes["time_emg"] == 2000
+    assert calls.count((tmp_path / "a.csv").stat().st_size) == 1

@@ -4,7 +4,9 @@ import io
 import re
 import warnings
 from collections.abc import Mapping
+from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -28,7 +30,7 @@ from emgface.recordings.timebase import (
 )
 from emgface.schema.rules import hint, one_line
 from emgface.schema.units import to_si
-from emgface.texts import open_text, read_text
+from emgface.texts import read_text
 
 _UNREADABLE = (pd.errors.ParserError, pd.errors.ParserWarning)
 _EXACT = {
@@ -41,29 +43,38 @@ _MISSING = frozenset({"", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL
 """Cells without a value."""
 
 
+class Numbers(NamedTuple):
+    """Numbers of a table or array, and what its file states next to them."""
+
+    frame: pd.DataFrame
+    base: TimeBase
+    dropped: dict[str, str]  #: omitted columns with the reason
+    flags: dict[str, np.ndarray]  #: columns that may state which samples are good (`_row_flags`)
+    lines: list[str]  #: lines before the table
+
+
 def load_table(
     sidecar: Path, table: Table, wanted: Mapping[str, str] | None, folder: Path | None = None
-) -> tuple[pd.DataFrame, TimeBase, dict[str, str], dict[str, np.ndarray]]:
+) -> "Numbers":
     """Return the numbers described by a table of a sidecar.
 
     `folder` contains the file, by default that of the sidecar. The table has one column of float64
-    for each channel, and three for each marker. Returned in addition are the time base; the omitted
-    columns with the reason (those that are not `wanted` may contain text and are then omitted); and
-    the columns that may state which samples are good (`_row_flags`). Raises DataError if the file is
+    for each channel, and three for each marker; columns that are not `wanted` may contain text and are
+    then omitted. Raises DataError if the file is
     absent or damaged, contains a cell that is not a number, or does not fit the description, and
     UnitsError if the unit of time is unknown.
     """
     path = companion_file(folder or sidecar.parent, table.file, sidecar.name)
     dropped: dict[str, str] = {}
     cut: list[Finding] = []
-    stated: dict[str, float] = {}
+    lines: list[str] = []
     if table.variable is None:
-        frame = _table(sidecar, path, table)
-        text = read_text(path, table.encoding)
+        text = _text(sidecar, path, table)
+        frame = _table(sidecar, path, table, text)
         cut = doubtful_lines(text, table.delimiter)
-        stated = rates_in_lines(text.splitlines()[: table.skip_rows])
+        lines = [line.rstrip("\r\n") for line in islice(io.StringIO(text), table.skip_rows)]
         if not table.columns:
-            _require_labels(sidecar, path, table, wanted)
+            _require_labels(sidecar, path, table, text, wanted)
         flags = _separate_flags(sidecar, path, table, frame, wanted)
         dropped |= dict.fromkeys(flags, FLAGS_OF_SAMPLES)
         frame = frame.drop(columns=list(flags))
@@ -98,17 +109,19 @@ def load_table(
         by = f"'rate' in {sidecar.name}"
         if table.variable is not None:
             columns |= times_in(path, table.variable, len(frame))
-        base = with_counter(of_rate(path.name, len(frame), rate, by=by, others=stated), columns)
+        base = with_counter(
+            of_rate(path.name, len(frame), rate, by=by, others=rates_in_lines(lines)), columns
+        )
         if not base.gaps:  # which would explain another mean rate
             base = base.noting(contradicting(columns, rate, by))
         if table.variable is not None:
             base = base.noting(declared_rates(path, table.variable, rate, len(frame), by))
-        return frame, base.noting(cut), dropped, flags
+        return Numbers(frame, base.noting(cut), dropped, flags, lines)
     named = xr.DataArray(instants, dims="time", name=f"{path.name}, {table.time}")
     time = to_si(named.assign_attrs(units=table.time_unit), "time").values
     base = of_stamps(f"{path.name}, {table.time}", time, by=f"the times of {table.time!r}")
     base = base.noting(cut)
-    return frame, with_counter(base, columns), dropped, flags
+    return Numbers(frame, with_counter(base, columns), dropped, flags, lines)
 
 
 def _separate_flags(
@@ -166,24 +179,10 @@ def _array(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
     return pd.DataFrame(values, columns=list(labels))
 
 
-def _table(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
-    """Return the columns of a text file; a column of numbers is converted.
-
-    With a decimal comma the cells are read as text and converted here, because pandas would read
-    1.234 as a number, although its point then separates thousands.
-    """
+def _text(sidecar: Path, path: Path, table: Table) -> str:
+    """Return the text of a table, which is decoded once."""
     try:
-        with warnings.catch_warnings():
-            # pandas truncates rows that are longer than the row of labels, with a warning only.
-            warnings.simplefilter("error", pd.errors.ParserWarning)
-            stream = open_text(path, table.encoding)
-            _require_few_columns(path, stream, table)
-            frame = pd.read_csv(
-                stream, sep=table.delimiter, skipinitialspace=True, index_col=False,
-                header=None if table.columns else 0, skiprows=table.skip_rows,
-                dtype=str if table.decimal == "," else None,
-                keep_default_na=table.decimal == ".",
-            )  # fmt: skip
+        return read_text(path, table.encoding)
     except FileNotFoundError as error:
         raise DataError(
             f"{sidecar.name} specifies {table.file}, which is not in the same folder; "
@@ -194,14 +193,40 @@ def _table(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
             f"{path.name} is not text in {table.encoding} ({one_line(error)}); expected another "
             f"encoding, such as 'latin-1' or 'utf-16': set 'encoding' in {sidecar.name}."
         ) from error
-    except DataError:
-        raise
-    except (OSError, ValueError, *_UNREADABLE) as error:
-        raise DataError(
-            f"{path.name} is not a table ({one_line(error)}); expected a row of labels and rows of "
-            f"numbers separated by {table.delimiter!r}: check 'delimiter' and 'encoding' in "
-            f"{sidecar.name}."
-        ) from error
+    except (OSError, ValueError) as error:
+        raise _no_table(sidecar, path, table, error) from error
+
+
+def _no_table(sidecar: Path, path: Path, table: Table, error: Exception) -> DataError:
+    if isinstance(error, DataError):
+        return error
+    return DataError(
+        f"{path.name} is not a table ({one_line(error)}); expected a row of labels and rows of "
+        f"numbers separated by {table.delimiter!r}: check 'delimiter' and 'encoding' in "
+        f"{sidecar.name}."
+    )
+
+
+def _table(sidecar: Path, path: Path, table: Table, text: str) -> pd.DataFrame:
+    """Return the columns of the text of a file; a column of numbers is converted.
+
+    With a decimal comma the cells are read as text and converted here, because pandas would read
+    1.234 as a number, although its point then separates thousands.
+    """
+    try:
+        with warnings.catch_warnings():
+            # pandas truncates rows that are longer than the row of labels, with a warning only.
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            stream = io.StringIO(text, newline="")
+            _require_few_columns(path, stream, table)
+            frame = pd.read_csv(
+                stream, sep=table.delimiter, skipinitialspace=True, index_col=False,
+                header=None if table.columns else 0, skiprows=table.skip_rows,
+                dtype=str if table.decimal == "," else None,
+                keep_default_na=table.decimal == ".",
+            )  # fmt: skip
+    except (ValueError, *_UNREADABLE) as error:
+        raise _no_table(sidecar, path, table, error) from error
     if table.decimal == ",":
         frame = frame.apply(_with_points)
     frame.columns = [str(c).strip() for c in frame.columns]
@@ -235,14 +260,14 @@ def _require_few_columns(path: Path, stream: io.StringIO, table: Table) -> None:
 
 
 def _require_labels(
-    sidecar: Path, path: Path, table: Table, wanted: Mapping[str, str] | None
+    sidecar: Path, path: Path, table: Table, text: str, wanted: Mapping[str, str] | None
 ) -> None:
     """Refuse repeated labels, of which pandas renames all but the first, and samples in their place.
 
     A sidecar that lists its channels may leave repeated labels out, or use the names of pandas.
     """
     first = pd.read_csv(
-        open_text(path, table.encoding), sep=table.delimiter, skipinitialspace=True, header=None,
+        io.StringIO(text, newline=""), sep=table.delimiter, skipinitialspace=True, header=None,
         nrows=1, dtype=str, skiprows=table.skip_rows, index_col=False,
     )  # fmt: skip
     labels = [str(label).strip() for label in first.iloc[0].dropna()]

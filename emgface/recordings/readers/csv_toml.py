@@ -42,7 +42,6 @@ from pydantic import Field
 from emgface.choices import Parameters, configure
 from emgface.errors import DataError, EmgfaceError, listed
 from emgface.recordings.exports import EXPORTS, layout_of
-from emgface.recordings.findings import Kind
 from emgface.recordings.labels import LabelMap, apply_labels
 from emgface.recordings.readers._build import (
     Part,
@@ -67,7 +66,7 @@ from emgface.recordings.readers.text_exports import export_of, part_of
 from emgface.recordings.timebase import TimeBase
 from emgface.schema.rules import hint
 from emgface.signals.filters import sampling_rate
-from emgface.texts import read_text, read_toml
+from emgface.texts import read_toml
 
 SUFFIXES = (".toml",)
 FORMAT = "CSV tables or MATLAB and HDF5 arrays with a TOML sidecar"
@@ -120,21 +119,21 @@ def read(path: Path, units: Mapping[str, str], folder: Path | None = None) -> xr
             parts.append(_export(path, sidecar.emg, units, folder))
     if sidecar.emg is not None and sidecar.emg.layout is None:
         table = sidecar.emg
-        frame, time, dropped, flags = load_table(path, table, table.channels, folder)
+        frame, time, dropped, flags, lines = load_table(path, table, table.channels, folder)
         part = _emg(path, table, units, frame, time, dropped)
         given = {"emg", *map(str, frame.columns), *(table.channels or {}).values()} & set(units)
-        part = _with_statements(path, table, part, "channel", bool(given), folder)
+        part = _with_statements(path, table, part, bool(given), lines, folder)
         parts.append(with_row_flags(part, "channel", time, flags, table.flags, home_of(table)))
     if sidecar.position is not None:
         table = sidecar.position
-        frame, time, left, flags = load_table(path, table, None, folder)
+        frame, time, left, flags, lines = load_table(path, table, None, folder)
         if "position" not in units:
             _require_stated(path, sidecar.position, list(frame.columns))
         values, labels, dropped = by_marker(frame, sidecar.position)
         unit = units.get("position", sidecar.position.unit)
         data = position_array(values, labels, time, unit)
         part = Part(data, {"position": sidecar.position.unit}, left | dropped)
-        part = _with_statements(path, table, part, "marker", "position" in units, folder)
+        part = _with_statements(path, table, part, "position" in units, lines, folder)
         parts.append(with_row_flags(part, "marker", time, flags, table.flags, home_of(table)))
     recording = assemble_parts(parts, origin=sidecar.origin)
     labels = LabelMap(
@@ -148,19 +147,19 @@ def read(path: Path, units: Mapping[str, str], folder: Path | None = None) -> xr
 
 
 def _with_statements(
-    path: Path, table: Table, part: Part, kind: Kind, given: bool, folder: Path | None
+    path: Path, table: Table, part: Part, given: bool, lines: list[str], folder: Path | None
 ) -> Part:
     """Compare what the file states of its numbers with the sidecar; `given` is a unit of a mapping."""
     file = companion_file(folder or path.parent, table.file, path.name)
     if table.variable is not None:
         statements = statements_near(file, table.variable)
     else:
-        text = read_text(file, table.encoding) if table.skip_rows else ""
-        statements = statements_in_lines(text.splitlines()[: table.skip_rows])
+        statements = statements_in_lines(lines)
     others = table.units.values() if isinstance(table, EmgTable) else ()
     if not given and (table.step, table.zero) == (1.0, 0.0):
         require_declared_units(file, statements, [table.unit, *others], path)
     converted = bool({"step", "zero"} & table.model_fields_set)
+    kind = "channel" if isinstance(table, EmgTable) else "marker"
     findings = declared_conversions(file, statements, kind, converted)
     return part._replace(findings=[*part.findings, *findings])
 
