@@ -8,7 +8,7 @@ import importlib
 import json
 import os
 import pkgutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn, Protocol, cast
@@ -134,9 +134,7 @@ def read_recording(
         recording = without_fillers(reader.read(path, labels.units, **options))
         recording = apply_labels(recording, labels)
         if "source" not in recording.attrs:
-            others = getattr(reader, "companions", None)
-            files = [path, *(others(path, **options) if others else [])]
-            recording.attrs.update(source=path.name, source_digest=_digest(files))
+            recording.attrs.update(source=path.name, source_digest=source_digest(path, **options))
         return validate(_flag_constant(recording), "recording", study=study)
     except DataError as error:
         # Errors of libraries may have several lines.
@@ -261,10 +259,15 @@ def _flag_constant(recording: xr.Dataset) -> xr.Dataset:
     return recording
 
 
-def _digest(files: Sequence[Path]) -> str:
-    """Digest of a file, or of the concatenation of several files."""
+def source_digest(path: Path, **options: Any) -> str:
+    """Digest of a recording: SHA-256 of its file and of the others that its reader opens, in order.
+
+    `options` are those of the reader. A file that no reader opens is digested alone.
+    """
+    reader = readers().get(path.suffix.lower())
+    others = getattr(reader, "companions", None) if may_be_recording(path) else None
     digest = hashlib.sha256()
-    for file in files:
+    for file in [path, *(others(path, **options) if others else [])]:
         with file.open("rb") as stream:
             hashlib.file_digest(stream, lambda: digest)
     return digest.hexdigest()

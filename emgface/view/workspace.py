@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from emgface.errors import DataError, EmgfaceError
 from emgface.files import is_part, write_text
+from emgface.recordings.dataset import source_digest
 from emgface.texts import read_text, read_toml
 from emgface.view.curves import Curves, curves_from, read_curves, write_curves
 from emgface.view.server import Answer
@@ -50,7 +51,7 @@ class Workspace:
             The folder contains other files only, its data differ, or a file of it is a link or is not
             valid.
         """
-        digests = {role: _digest(path) for role, path in files.items() if path is not None}
+        digests = {role: _digest(path, role) for role, path in files.items() if path is not None}
         made = cls(folder, digests, muscles)
         for name in (RECIPE, CURVES_FILE, NOTES):
             if (folder / name).is_symlink():
@@ -150,8 +151,10 @@ def _notes(given: Any, where: str) -> str:
     return given
 
 
-def _digest(path: Path) -> str:
+def _digest(path: Path, role: str) -> str:
     try:
+        if role == "recording":
+            return source_digest(path)
         if path.is_dir():
             files = sorted(p for p in path.iterdir() if p.is_file())
             parts = [f"{p.name} {sha256(p.read_bytes()).hexdigest()}" for p in files]

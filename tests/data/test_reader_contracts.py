@@ -19,6 +19,7 @@ from emgface.recordings.bids import write_bids
 from emgface.recordings.dataset import read_recording, readers, write_recording
 from emgface.recordings.findings import findings_in
 from emgface.recordings.synchronise import cut
+from emgface.view.workspace import Workspace
 from tests.data.made_recordings import face, noise, recording
 from tests.data.test_poly5 import make_poly5
 from tests.data.test_xdf import channel, chunk
@@ -220,6 +221,9 @@ def test_the_digest_covers_each_file_that_is_opened(name: str, tmp_path: Path) -
     assert files <= set(covered), files - set(covered)
     whole = hashlib.sha256(b"".join(one.read_bytes() for one in covered)).hexdigest()
     assert read_recording(path).attrs["source_digest"] == whole
+    # A workspace of the page is bound to the same files.
+    opened = Workspace.open(tmp_path / "work", {"recording": path}, ("ZYG_L",))
+    assert opened.digests["recording"] == whole
 
 
 def remaining(samples: int, first: int, number: int) -> Kept:
