@@ -1,6 +1,7 @@
 """Draft of a sidecar: its entries, and those that are guesses."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -39,4 +40,6 @@ def toml_value(value: Any) -> str:
     """Return a value in TOML."""
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(toml_value, value))}]"
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{toml_value(k)} = {toml_value(v)}' for k, v in value.items())} }}"
     return json.dumps(value, ensure_ascii=False)

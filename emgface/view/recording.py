@@ -18,6 +18,7 @@ from emgface.files import write_text
 from emgface.muscles import CHANNELS, FACE_MARKERS, LIP_MARKERS
 from emgface.pictures.encoding import packed
 from emgface.pictures.page import Exact, as_json, environment, policy, style
+from emgface.recordings.draft import toml_value
 from emgface.recordings.labels import LabelMap, read_label_map
 from emgface.signals.filters import bandpass, sampling_rate
 from emgface.signals.parameters import FilterParameters
@@ -128,6 +129,7 @@ class RecordingPage:
                 for table in (self._given.channels, self._given.markers)
                 for label, name in (table or {}).items()
             },
+            "unusable": _unusable(self._given),
             "prefix": [Exact(line) for line in _prefix(self._given)],
         }
         if len(self._emg):
@@ -233,18 +235,26 @@ class RecordingPage:
 
 
 def _prefix(given: LabelMap) -> list[str]:
-    """Lines of a mapping file for what the page does not change: trial and units."""
-    lines = [
-        f"{name} = {json.dumps(value, ensure_ascii=False)}"
-        for name in ("volunteer", "instruction", "repetition")
-        if (value := getattr(given, name)) is not None
-    ]
-    if given.units:
-        lines.append("[units]")
-        lines += [
-            f"{json.dumps(k)} = {json.dumps(v, ensure_ascii=False)}" for k, v in given.units.items()
-        ]
+    """Lines of a mapping file for what the page does not change, such as trial, units and marks."""
+    entries = given.model_dump(
+        exclude={"channels", "markers", "unusable", "files"}, exclude_defaults=True
+    )
+    tables = {key: value for key, value in entries.items() if isinstance(value, dict)}
+    lines = [f"{key} = {toml_value(entries[key])}" for key in entries if key not in tables]
+    for key, table in tables.items():
+        lines += [f"[{key}]", *(f"{toml_value(k)} = {toml_value(v)}" for k, v in table.items())]
     return [*lines, ""] if lines else []
+
+
+def _unusable(given: LabelMap) -> dict[str, list[Any]]:
+    """Labels and lines of a mapping file for what it calls unusable, which the page completes."""
+    known = given.unusable
+    spans = [one.model_dump(exclude_defaults=True) for one in known.spans]
+    return {
+        "channels": [Exact(label) for label in known.channels],
+        "markers": [Exact(label) for label in known.markers],
+        "spans": [[Exact(f"{k} = {toml_value(v)}") for k, v in span.items()] for span in spans],
+    }
 
 
 def _rows(recording: xr.Dataset, name: str, dims: tuple[str, str]) -> Floats:

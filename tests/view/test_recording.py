@@ -181,7 +181,17 @@ def test_a_recording_without_a_usable_channel_has_no_emg(stored):
 @needs_browser
 def test_marks_of_the_page_reach_every_command(stored, recording, browser, tmp_path):
     """A channel is marked in the browser, the mapping saved; `activate` and a study use it."""
-    target, given = tmp_path / "mapping.toml", read_label_map({"volunteer": "V7"})
+    target = tmp_path / "mapping.toml"
+    unusable = {
+        "markers": ["corner_left"],
+        "spans": [{"start": 0.0, "stop": 0.1, "markers": ["corner_right"]}],
+    }
+    kept = {
+        "volunteer": "V7",
+        "instructions": {"smile": "B"},
+        "marks": {"noise": {"meaning": "bad", "seconds": 0.5, "by": 'A "S"'}},
+    }
+    given = read_label_map({**kept, "unusable": unusable})
     data = read_recording(stored, mapping=given)
     page = RecordingPage(data, "trial", findings_shown(data), target, given)
     server = LocalServer(
@@ -229,7 +239,9 @@ def test_marks_of_the_page_reach_every_command(stored, recording, browser, tmp_p
         server.stop()
     written = read_label_map(target)
     assert written.volunteer == "V7" and written.unusable.channels == ["RIS_L"]
-    (one,) = written.unusable.spans
+    assert written.model_dump(include=set(kept)) == given.model_dump(include=set(kept))
+    known, one = written.unusable.spans
+    assert (written.unusable.markers, known) == (["corner_left"], given.unusable.spans[0])
     assert one.channels == ["ZYG_L"] and one.start == pytest.approx(start, abs=1e-5)
     assert one.stop == pytest.approx(stop, abs=1e-5)
     given = ["activate", str(stored), "--mapping", str(target), "--strategy", "act_all"]

@@ -362,10 +362,14 @@ function mapping() {
   const given = (labels) => labels.some((text) => exact(text) in data.original);
   if (emg && (given(emg.labels) || emg.labels.some((text) => marks.names[text]))) { lines.push("[channels]"); for (const text of emg.labels) lines.push(`${quoted(original(text))} = ${quoted(marks.names[text] || exact(text))}`); lines.push(""); }
   if (markers && (given(markers.labels) || markers.labels.some((text) => marks.markerNames[text]))) { lines.push("[markers]"); for (const text of markers.labels) lines.push(`${quoted(original(text))} = ${quoted(marks.markerNames[text] || exact(text))}`); lines.push(""); }
-  if (marks.bad.size || marks.spans.length) {
+  const known = data.unusable;
+  const bad = [...known.channels, ...[...marks.bad].map((k) => original(label(k)))];
+  if (bad.length || known.markers.length || marks.spans.length || known.spans.length) {
     lines.push("[unusable]");
-    if (marks.bad.size) lines.push(`channels = [${[...marks.bad].map((k) => quoted(original(label(k)))).join(", ")}]`);
+    if (bad.length) lines.push(`channels = [${bad.map(quoted).join(", ")}]`);
+    if (known.markers.length) lines.push(`markers = [${known.markers.map(quoted).join(", ")}]`);
     lines.push("");
+    for (const span of known.spans) lines.push("[[unusable.spans]]", ...span, "");
     for (const one of marks.spans) {
       lines.push("[[unusable.spans]]", `start = ${one.start.toFixed(6)}  # s`, `stop = ${one.stop.toFixed(6)}  # s`);
       if (one.channel !== null) lines.push(`channels = [${quoted(original(one.channel))}]`);
