@@ -7,7 +7,8 @@ import pandas as pd
 import xarray as xr
 
 from emgface.errors import SignalError
-from emgface.recordings.findings import Finding
+from emgface.recordings.findings import Finding, Kind
+from emgface.recordings.quality.blocks import blocks_stored_twice
 from emgface.recordings.quality.cross_talk import cross_talk
 from emgface.recordings.quality.emg import emg_quality
 from emgface.recordings.quality.markers import (
@@ -63,6 +64,7 @@ def findings(
                 numbers = {"other": str(other), "frames": float(frames), "at": float(at)}
                 result.append(Finding("coincides", "marker", str(one), numbers))
             result += wrong_size(recording["position"])
+            result += _stored_twice(recording["position"], "marker", "time_marker")
         result += little_in_common(recording)
         for left, right, r, swapped in swapped_sides(recording).itertuples(index=False):
             if swapped:
@@ -71,6 +73,22 @@ def findings(
     except SignalError:
         pass  # a non-uniform clock, which the check of clocks reports for every row
     return measures, result
+
+
+def _stored_twice(array: xr.DataArray, kind: Kind, time: str) -> list[Finding]:
+    """Finding on the blocks that the channels or markers contain twice."""
+    clock = array[time].values
+    rate = sampling_rate(array[time])
+    blocks = blocks_stored_twice(array.transpose(..., time).values.reshape(-1, clock.size), rate)
+    if not blocks:
+        return []
+    numbers = {
+        "count": len(blocks),
+        "at": float(clock[blocks[0].start]),
+        "seconds": blocks[0].samples / rate,
+        "earlier": (blocks[0].start - blocks[0].first) / rate,
+    }
+    return [Finding("stored_twice", kind, "", numbers)]
 
 
 def _of_channels(
@@ -91,6 +109,7 @@ def _of_channels(
             result.append(treated)
     for name in map(str, emg["channel"].values):
         result += _spikes(name, emg.sel(channel=name), rate)
+    result += _stored_twice(emg, "channel", TIME_EMG)
     raw = table.drop(index=list(processed))
     if numbers := doubtful_rate(raw, rate):
         result.append(Finding("median_frequency", "channel", "", numbers))
