@@ -21,6 +21,7 @@ from emgface.files import existing_file
 from emgface.plugins import Plugin, plugins
 from emgface.recordings.fillers import without_fillers
 from emgface.recordings.labels import LabelMap, apply_labels, constant_value, read_label_map
+from emgface.recordings.readers._row_flags import named
 from emgface.schema.netcdf import write_netcdf
 from emgface.schema.rules import nearest, one_line
 from emgface.schema.validation import validate
@@ -131,7 +132,9 @@ def read_recording(
     labels = read_label_map(mapping).of_file(path)
     try:
         options: dict[str, Any] = {} if folder is None else {"folder": folder}
-        recording = without_fillers(reader.read(path, labels.units, **options))
+        with named({"channel": labels.channels or {}, "marker": labels.markers or {}}):
+            recording = reader.read(path, labels.units, **options)
+        recording = without_fillers(recording)
         recording = apply_labels(recording, labels)
         if "source" not in recording.attrs:
             recording.attrs.update(source=path.name, source_digest=source_digest(path, **options))

@@ -225,6 +225,27 @@ def test_other_numbers_of_a_column_of_flags_are_a_finding(tmp_path: Path, write:
     assert [f.code for f in findings_in(recording) if f.code in CODES] == ["unused_flags"]
 
 
+@pytest.mark.parametrize("write", WRITERS, ids=lambda one: one.__name__)
+def test_a_column_may_name_a_channel_as_the_mapping_does(tmp_path: Path, write: Write) -> None:
+    path = write(tmp_path, "ZYG_L_valid", GOOD)
+    kind = "markers" if write in (positions, tsv) else "channels"
+    assert read(path)[1] == ["unused_flags"]
+    recording = read_recording(path, mapping={kind: {"E1": "ZYG_L"}})
+    (finding,) = [f for f in findings_in(recording) if f.code in CODES]
+    assert (finding.code[:4], finding.name) == ("bad_", "ZYG_L")
+    values = recording["emg" if kind == "channels" else "position"].values
+    assert np.isnan(values[0]).reshape(-1, N).all(axis=0).sum() == 60
+
+
+def test_labels_of_the_file_precede_names_and_a_sidecar_precedes_a_mapping(tmp_path: Path) -> None:
+    path = csv(tmp_path, "E2_valid", GOOD, '[emg.channels]\nE1 = "E2"\nE2 = "E1"\n')
+    lost, codes, names = read(path)
+    assert (codes, names) == (["bad_interval"], ["E1"]) and lost[1].sum() == 60
+    path = csv(tmp_path, "MEN_L_valid", GOOD, '[emg.channels]\nE1 = "a"\nE2 = "b"\n')
+    recording = read_recording(path, mapping={"channels": {"a": "ZYG_L", "b": "MEN_L"}})
+    np.testing.assert_array_equal(np.isnan(recording["emg"].values).sum(axis=1), [0, 60])
+
+
 def test_a_sidecar_states_the_meaning_of_a_column(tmp_path: Path) -> None:
     for meaning, count in (("good", 120), ("bad", 2 * (N - 60)), ("ignored", 0)):
         path = csv(tmp_path, "status", GOOD, f'flags = {{ status = "{meaning}" }}\n')

@@ -1,7 +1,9 @@
 """Columns that state of every sample whether it is good: values NaN, or a finding if it is unclear."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -28,6 +30,31 @@ _TRUE: Final = frozenset("true yes y 1 1.0".split())
 _FALSE: Final = frozenset("false no n 0 0.0".split())
 _FEW: Final = 10  #: different values of a column of flags
 _SHOWN: Final = 5  #: columns that a finding names
+
+
+Names = Mapping[Kind, Mapping[str, str]]
+"""Names of channels and markers by their labels in a file."""
+_NAMES: ContextVar[tuple[Names, ...]] = ContextVar("names", default=())
+
+
+@contextmanager
+def named(names: Names) -> Iterator[None]:
+    """Within it, a column of flags may also name a channel or marker as a sidecar or mapping does.
+
+    The names of a sidecar are the labels of a mapping.
+    """
+    token = _NAMES.set((names, *_NAMES.get()))
+    try:
+        yield
+    finally:
+        _NAMES.reset(token)
+
+
+def _given_name(label: str, dim: Kind) -> str:
+    """Name of a label after all mappings that apply."""
+    for names in _NAMES.get():
+        label = names.get(dim, {}).get(label, label)
+    return label
 
 
 class _Flags(NamedTuple):
@@ -73,7 +100,7 @@ def with_row_flags(
             continue
         if given is None and (label in names or not is_row_flag(label.removeprefix(home))):
             continue
-        flags = _meaning(label.removeprefix(home), names)
+        flags = _meaning(label.removeprefix(home), names, dim)
         bad = _bad(cells, given or flags.meaning)
         if bad is not None:
             by = f"the column {label!r}"
@@ -113,16 +140,25 @@ def _words(label: str) -> list[str]:
     return re.findall(r"[^\W_]+", spaced.lower())
 
 
-def _meaning(label: str, names: Sequence[str]) -> _Flags:
-    """Meaning of a label, None if it is not certain, and the channels or markers that it names."""
+def _own_words(name: str) -> list[str]:
+    return [word for word in _words(name) if word not in _NEUTRAL]
+
+
+def _meaning(label: str, names: Sequence[str], dim: Kind) -> _Flags:
+    """Meaning of a label, None if it is not certain, and the channels or markers that it names.
+
+    Labels of the file take precedence over the names that a mapping gives them.
+    """
     words = _words(label)
     graded = any(word in _GRADED for word in words)
     good, bad = (any(word in known for word in words) for known in (_GOOD, _BAD))
     rest = [w for w in words if w not in _GOOD | _BAD | _UNCLEAR | _NEUTRAL]
     concerned = None
     if rest:
-        keys = {name: [w for w in _words(name) if w not in _NEUTRAL] for name in names}
-        concerned = [name for name, key in keys.items() if key == rest]
+        called = {name: _given_name(name, dim) for name in names}
+        concerned = [n for n in names if _own_words(n) == rest] or [
+            n for n, name in called.items() if _own_words(name) == rest
+        ]
     if good == bad or (rest and not concerned):
         return _Flags(None, concerned or None, graded)
     return _Flags("good" if good else "bad", concerned, graded)

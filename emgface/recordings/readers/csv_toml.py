@@ -59,7 +59,7 @@ from emgface.recordings.readers._declared import (
     statements_in_lines,
     statements_near,
 )
-from emgface.recordings.readers._row_flags import with_row_flags
+from emgface.recordings.readers._row_flags import named, with_row_flags
 from emgface.recordings.readers._table_models import EmgTable, PositionTable, Table
 from emgface.recordings.readers._tables import by_marker, load_table
 from emgface.recordings.readers.text_exports import export_of, part_of
@@ -123,7 +123,9 @@ def read(path: Path, units: Mapping[str, str], folder: Path | None = None) -> xr
         part = _emg(path, table, units, frame, time, dropped)
         given = {"emg", *map(str, frame.columns), *(table.channels or {}).values()} & set(units)
         part = _with_statements(path, table, part, bool(given), lines, folder)
-        parts.append(with_row_flags(part, "channel", time, flags, table.flags, home_of(table)))
+        with named({"channel": table.channels or {}}):
+            part = with_row_flags(part, "channel", time, flags, table.flags, home_of(table))
+        parts.append(part)
     if sidecar.position is not None:
         table = sidecar.position
         frame, time, left, flags, lines = load_table(path, table, None, folder)
@@ -134,7 +136,9 @@ def read(path: Path, units: Mapping[str, str], folder: Path | None = None) -> xr
         data = position_array(values, labels, time, unit)
         part = Part(data, {"position": sidecar.position.unit}, left | dropped)
         part = _with_statements(path, table, part, "position" in units, lines, folder)
-        parts.append(with_row_flags(part, "marker", time, flags, table.flags, home_of(table)))
+        with named({"marker": table.markers or {}}):
+            part = with_row_flags(part, "marker", time, flags, table.flags, home_of(table))
+        parts.append(part)
     recording = assemble_parts(parts, origin=sidecar.origin)
     labels = LabelMap(
         channels=sidecar.emg.channels if sidecar.emg else None,
