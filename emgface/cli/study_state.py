@@ -32,6 +32,7 @@ def status(
             "state": last.state,
             "trials": state.total,
             "status": dict(state.status),
+            "earlier": state.earlier,
             "running": running,
             "trials_per_second": state.throughput,
             "remaining_s": state.remaining,
@@ -46,6 +47,12 @@ def status(
         return
     counts = ", ".join(f"{n} {name}" for name, n in state.status.most_common())
     tell(f"{last.first['study']}: {done} of {state.total} trials have an outcome ({counts}).")
+    if state.earlier:
+        tell(
+            f"{state.earlier} of these outcomes are of earlier runs with another configuration or "
+            "version of emgface and may not be those of the present study: 'emgface study explain' "
+            "states which trials would be computed again."
+        )
     tell(
         f"Last run of {len(state.runs)}, begun {last.first['time']} with "
         f"{last.first['workers']} workers: {last.state}, {sum(last.finished.values())} trials in "

@@ -48,6 +48,9 @@ class State:
 
     total: int = 0  #: trials of the last run that began
     status: Counter[str] = field(default_factory=Counter)  #: trials by status
+    #: trials of `status` whose runs had another configuration or code than the last run, and which it
+    #: has not confirmed; they may be of another study
+    earlier: int = 0
     #: label of a failed trial, and the first line of its reason
     failures: list[tuple[str, str]] = field(default_factory=list)
     #: number and bytes of the stored results of each stage
@@ -75,7 +78,8 @@ class State:
     def remaining(self) -> float | None:
         """Estimated time to the end of the last run [s], None if it cannot be estimated."""
         left = self.total - sum(self.status.values())
-        return left / self.throughput if left > 0 and self.throughput > 0 else None
+        known = left > 0 and self.throughput > 0 and not self.earlier
+        return left / self.throughput if known else None
 
 
 def store_of(folder: Path, facts: Line) -> Path:
@@ -87,8 +91,8 @@ def read_state(folder: Path) -> State:
     """Read the state of a study from the journal in its folder.
 
     Trials have the status of their last line; the status of trials computed by an earlier version
-    of the study, that is, with other parameters, remains until they are computed again. Raises
-    DataError if the folder has no journal.
+    of the study, that is, with other parameters, remains until they are computed again, and they are
+    counted as `State.earlier`. Raises DataError if the folder has no journal.
     """
     files = journal_files(folder)
     if not files:
@@ -98,6 +102,7 @@ def read_state(folder: Path) -> State:
         )
     state = State(damage=damage(files))
     trials: dict[Name, tuple[str, str]] = {}
+    basis: dict[Name, tuple[str, ...]] = {}
     stored: dict[tuple[str, str], int] = {}
     for path in files:
         run: Run | None = None
@@ -113,7 +118,7 @@ def read_state(folder: Path) -> State:
                 name = _name(line)
                 run.begun.discard(name)
                 run.finished[line["status"]] += 1
-                trials[name] = line["status"], line["reason"]
+                trials[name], basis[name] = (line["status"], line["reason"]), _basis(run)
                 for stage in line["stages"]:
                     stored[stage["stage"], stage["digest"]] = stage["file"][0]
             elif line["event"] == "end":
@@ -127,6 +132,12 @@ def read_state(folder: Path) -> State:
         )
     state.total = state.runs[-1].first["trials"]
     state.status = Counter(status for status, _ in trials.values())
+    last = state.runs[-1]
+    state.earlier = sum(
+        () not in (one, _basis(last)) and one != _basis(last) for one in basis.values()
+    )
+    if last.outcome == "finished":  # it has read all trials of its study
+        state.earlier = min(state.earlier, max(0, len(trials) - state.total))
     state.failures = [
         (label(name), f"{status.removeprefix('failed:')}: {(reason.splitlines() or [''])[0]}")
         for name, (status, reason) in trials.items()
@@ -141,6 +152,12 @@ def read_state(folder: Path) -> State:
 def label(name: Name) -> str:
     """Readable label of a trial."""
     return " ".join(map(str, (f"{name[0]}:", *name[1]) if name[0] else name[1]))
+
+
+def _basis(run: Run) -> tuple[str, ...]:
+    """Configuration and code of a run; empty if its first line does not state them."""
+    facts = [run.first.get(name) for name in ("configuration", "code")]
+    return tuple(map(str, facts)) if all(facts) else ()
 
 
 def _name(line: Line) -> Name:

@@ -10,7 +10,7 @@ import xarray as xr
 
 from analysis.axes import reference_cube
 from emgface.errors import EmgfaceError
-from emgface.run.digest import code_version, dataset_digest
+from emgface.run.digest import code_version, dataset_digest, text_digest
 from emgface.run.journal import Entry, Journal, StoredFiles, events_of
 from emgface.run.objects import Objects
 from emgface.run.observer import Observer, Silent
@@ -130,6 +130,7 @@ def run_study(
         "store": "store" if store is None else str(store.resolve()),
         "objects": objects or "",
         "code": code_version(CODE),
+        "configuration": text_digest(study.model_dump_json(exclude={"name"})),
     }
     journal = Journal(out, facts)
     for line in intake.read:

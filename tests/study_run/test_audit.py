@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import netCDF4
@@ -15,9 +16,10 @@ from emgface.errors import DataError, StoreError
 from emgface.recordings.dataset import read_recording, write_recording
 from emgface.report.results import open_results, study_cube
 from emgface.run.digest import file_digest
+from emgface.run.journal import SCALARS, Journal
 from emgface.run.lines import lines, run_files, written
 from emgface.run.retention import export, unused_files, used_results
-from emgface.run.state import read_state
+from emgface.run.state import State, read_state
 from emgface.run.store import store_netcdf
 from emgface.study.audit import explain, reproduce
 from emgface.study.configuration import StudyConfiguration
@@ -52,6 +54,41 @@ def test_status_counts_trials_and_sizes_as_text_and_json(shown: Path) -> None:
     assert state["stored"]["motion"] == {"results": 2, "bytes": size}
     with pytest.raises(DataError, match="has no journal"):
         read_state(shown / "store")
+
+
+def test_status_does_not_count_outcomes_of_another_configuration_in_silence(tmp_path: Path) -> None:
+    """A parameter is changed after the trials of a run, and the next run is interrupted."""
+    facts = {"study": "s", "trials": 4, "workers": 1, "store": "store", "code": "c"}
+    ok = {name: None for name in SCALARS} | {"muted": False, "stages": [], "reason": ""}
+
+    def run(configuration: str, trials: Sequence[int], outcome: str, total: int = 4) -> State:
+        journal = Journal(tmp_path, facts | {"configuration": configuration, "trials": total})
+        for k in trials:
+            named = {
+                "trial": ["V1", "A", k, "act_all"],
+                "variant": "",
+                "key": f"{configuration}{k}",
+            }
+            journal.write("trial", **named, status="ok", **ok)
+        journal.end(outcome, [])
+        return read_state(tmp_path)
+
+    def shown() -> tuple[str, dict]:
+        call = ["study", "status", str(tmp_path)]
+        text = CliRunner().invoke(app, call).stdout
+        return text, json.loads(CliRunner().invoke(app, [*call, "--json"]).stdout)
+
+    assert run("a", [1, 2, 3, 4], "finished").earlier == 0
+    assert "earlier runs" not in shown()[0]
+    state = run("b", [1], "interrupted")
+    assert (state.earlier, state.remaining) == (3, None)
+    text, data = shown()
+    assert "4 of 4 trials" in text and "3 of these outcomes are of earlier runs" in text
+    assert data["earlier"] == 3
+    # The outcomes that a finished run has not computed are those that it has read.
+    assert run("b", [2, 3], "finished").earlier == 0
+    assert run("c", [], "finished", total=3).earlier == 1
+    assert run("d", [1, 2, 3], "finished", total=3).earlier == 1
 
 
 def test_damaged_and_unfinished_lines_of_a_journal_are_ignored(folder: Path) -> None:
