@@ -367,8 +367,8 @@ def test_conversions_of_channels_of_xdf_are_stated(tmp_path, kind, key):
                 for axis in "XYZ"
             ]
             path = make(tmp_path, stream(1, "MoCap", 100.0, 5.0, EMG.T, labels))
-        found = findings_in(read_recording(path, mapping=mapping))
-        stated = [f for f in found if f.code == "unapplied_conversion"]
+        every = findings_in(read_recording(path, mapping=mapping))
+        stated = [f for f in every if f.code == "unapplied_conversion"]
         assert all(f.kind == kind and key in f.sentence for f in stated)
         return [f"{f.values['value']}" for f in stated]
 

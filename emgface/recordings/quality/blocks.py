@@ -16,7 +16,7 @@ PERIODIC_SHARE: Final = 0.5  #: share of repeated samples above which a signal m
 LONGEST_PERIOD: Final = 0.5  #: longest period [s] of a signal that is no block stored twice
 
 
-class Block(NamedTuple):
+class StoredTwice(NamedTuple):
     """Samples that are stored twice: index of the second time, its number, and that of the first."""
 
     start: int
@@ -24,7 +24,7 @@ class Block(NamedTuple):
     first: int
 
 
-def blocks_stored_twice(values: np.ndarray, rate: float) -> list[Block]:
+def blocks_stored_twice(values: np.ndarray, rate: float) -> list[StoredTwice]:
     """Return the blocks of a recording (signals, samples) at a rate [Hz] that occur twice.
 
     All signals of a block are equal bit for bit. Samples that equal the one before, such as those of
@@ -46,7 +46,7 @@ def blocks_stored_twice(values: np.ndarray, rate: float) -> list[Block]:
         for lag, of_lag in runs.items()
     }
     least = max(LEAST_CHANGES, BEYOND_CHANCE * _by_chance(codes, counted, lags))
-    blocks: list[Block] = []
+    blocks: list[StoredTwice] = []
     repeated = np.zeros(codes.size, dtype=bool)
     for lag in lags:
         for (start, stop), weight in zip(runs[lag], weights[lag], strict=True):
@@ -54,7 +54,7 @@ def blocks_stored_twice(values: np.ndarray, rate: float) -> list[Block]:
             if stop - start < size or weight < least or repeated[own].all():
                 continue
             repeated[own] = True
-            blocks.append(Block(start + lag, stop - start, start))
+            blocks.append(StoredTwice(start + lag, stop - start, start))
     shortest = min((block.start - block.first for block in blocks), default=0)
     if repeated.mean() > PERIODIC_SHARE and shortest < LONGEST_PERIOD * rate:
         return []
