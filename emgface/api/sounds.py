@@ -1,5 +1,6 @@
 """Function that computes formants and voice of a vocal tract."""
 
+import warnings
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -58,15 +59,20 @@ def sound(
     DataError
         The vowel or source is unknown, or the motion lacks the area of the mouth.
 
+    Warns
+    -----
+    FeatureWarning
+        The tract is closed at some instants, or nothing is heard.
+
     Examples
     --------
     >>> import emgface as ef
     >>> ef.sound(vowel="a", source=None)["formant_frequency"].values[0, :2]  # doctest: +SKIP
     """
     from emgface.anatomy.airway.area_function import ideal_vowel, lips_of_trial, with_lips
-    from emgface.anatomy.airway.sound import synthesise, with_formants, write_wave
+    from emgface.anatomy.airway.sound import sound_doubts, synthesise, with_formants, write_wave
     from emgface.api.given import dataset_of, target_or_none
-    from emgface.errors import ConfigurationError, listed
+    from emgface.errors import ConfigurationError, FeatureWarning, listed
 
     target = target_or_none(wave)
     if source is None and wave is not None:
@@ -94,19 +100,14 @@ def sound(
             f"the motion lasts {lasts:g} s, expected a sound of at most this duration, and "
             f"{duration:g} s was given: leave it out"
         )
-    tract = with_formants(tract)
-    if source is None:
-        return tract
-    pressure = synthesise(
-        tract,
-        source,
-        duration=duration,
-        rate=rate,
-        lung=lung,
-        tension=tension,
-        pitch=pitch,
-        seed=seed,
-    )
+    computed = with_formants(tract)
+    if source is not None:
+        computed = synthesise(
+            computed, source, duration=duration, rate=rate, lung=lung, tension=tension, pitch=pitch,
+            seed=seed,
+        )  # fmt: skip
     if target is not None:
-        write_wave(pressure, target)
-    return pressure
+        write_wave(computed, target)
+    for text in sound_doubts(computed):
+        warnings.warn(text, FeatureWarning, stacklevel=2)
+    return computed

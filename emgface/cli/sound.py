@@ -1,5 +1,6 @@
 """``emgface sound``: formants and sound of the vocal tract."""
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -222,12 +223,12 @@ def _finish(
     title: str,
     wave: Path | None = None,
 ) -> None:
+    from emgface.anatomy.airway.sound import sample_rate, sound_doubts
     from emgface.schema.netcdf import write_netcdf
 
     if wave is not None:
-        rate = round(1.0 / float(data["time_sound"][1] - data["time_sound"][0]))
         say(
-            f"Wrote {wave}: simulated, {rate} Hz, 16 bit, 1.0 is {data.attrs['full_scale']:.3g} Pa at "
+            f"Wrote {wave}: simulated, {sample_rate(data)} Hz, 16 bit, 1.0 is {data.attrs['full_scale']:.3g} Pa at "
             f"{data.attrs['distance']:g} m from the lips."
         )
     if out_path is not None:
@@ -248,3 +249,5 @@ def _finish(
         Rows(("time [s]", "formant", "frequency [Hz]", "bandwidth [Hz]"), tuple(cells)), title
     )
     say(f"Assumptions: {data.attrs['assumptions']}.")
+    for text in sound_doubts(data):
+        warnings.warn(text, stacklevel=1)

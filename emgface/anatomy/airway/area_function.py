@@ -106,6 +106,11 @@ def read_areas(path: Path, row: str | None = None, *, from_lips: bool = False) -
             f"{path.name} has the columns {listed(table.columns)}; expected A0_cm2, A1_cm2, ... and "
             "length_m, in one row per shape"
         )
+    if "time_s" in table and row is not None:
+        raise DataError(
+            f"{path.name} has a column time_s, whose rows are instants of one shape, expected one shape "
+            f"per row to choose {row!r}: leave the row out, or the column"
+        )
     if "time_s" not in table:
         if row is not None:
             match = [
@@ -226,8 +231,19 @@ def with_lips(
     Dataset
         Sections of 2.5 mm at rest, which are stretched together with the length; a section that spans
         two areas has their harmonic mean, which keeps the inertia of the air.
+
+    Raises
+    ------
+    DataError
+        The tract moves, or is not longer than the lips.
     """
-    given, L = tract["area"].values[0], float(tract["length"].values[0])
+    L = float(tract["length"].values[0])
+    if tract.sizes["time"] != 1 or L <= lips:
+        raise DataError(
+            f"the tract has {tract.sizes['time']} instants and a length of {L:.3g} m, expected one "
+            f"instant and more than the {lips:g} m of the lips: choose a shape that does not move"
+        )
+    given = tract["area"].values[0]
     own = np.linspace(0.0, L, len(given) + 1)
     behind = np.diff(np.minimum(own, L - lips))
     parts = np.hstack([np.tile(given, (len(time), 1)), area[:, None]])

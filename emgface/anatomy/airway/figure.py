@@ -17,6 +17,7 @@ from analysis.figures.style import (
     legend,
     styled,
 )
+from emgface.anatomy.airway.sound import sample_rate
 from emgface.files import replace_file
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def draw_sound(data: xr.Dataset, title: str = "sound of a vocal tract") -> "Figu
     lines = _formants(panels[1], data)
     if "sound" in data:
         t, p = data["time_sound"].values, data["sound"].values
-        rate = 1.0 / float(t[1] - t[0])
+        rate = sample_rate(data)
         f, s, power = spectrogram(
             p, rate, window="hann", nperseg=int(0.006 * rate), noverlap=int(0.005 * rate)
         )

@@ -1,5 +1,6 @@
 """Formants and sound of area functions, and wave files."""
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -11,6 +12,7 @@ from scipy.io import wavfile
 
 from analysis.arguments import number
 from emgface.acoustics import (
+    CLOSURE_AREA,
     Flow,
     Folds,
     Medium,
@@ -22,7 +24,7 @@ from emgface.acoustics import (
 )
 from emgface.acoustics.errors import AcousticsError
 from emgface.acoustics.waves import check_sampling
-from emgface.errors import ConfigurationError, DataError, listed
+from emgface.errors import ConfigurationError, DataError, FeatureWarning, listed
 from emgface.files import replace_file
 
 Progress = Callable[[int, int], None]
@@ -31,6 +33,8 @@ PEAK: Final = 0.9
 FAINT_PRESSURE: Final = 2e-3
 """Sound pressure below which a wave file is not amplified further [Pa], 40 dB, so that a closed mouth is
 quiet."""
+CLOSED_AREA: Final = 10.0 * CLOSURE_AREA
+"""Area up to which a section is closed [m^2]; one that spans a closure has the harmonic mean of its parts."""
 VOICE_SOURCES: Final = ("folds", "rosenberg")
 
 
@@ -69,8 +73,9 @@ def with_formants(tract: xr.Dataset, *, count: int = 4, medium: Medium | None = 
 def source_of(name: str, duration: float, *, lung: float, pitch: float, tension: float) -> Source:
     """Source by its name: two-mass "folds", pulses of "rosenberg", or the path of a wave file.
 
-    A wave file is the flow of the glottis, with 3e-4 m^3/s at its largest value. Raises
-    ConfigurationError if there is neither, and DataError if the file is not a wave file, or is silent.
+    A wave file is the flow of the glottis, with 3e-4 m^3/s at its largest value; it warns
+    (FeatureWarning) if it ends before the sound. Raises ConfigurationError if there is neither, and
+    DataError if the file is not a wave file, has channels that differ, or is silent.
     """
     if name == "folds":
         return Folds(lung=lung, tension=tension)
@@ -81,15 +86,36 @@ def source_of(name: str, duration: float, *, lung: float, pitch: float, tension:
         raise ConfigurationError(
             f"unknown source {name!r}, expected {listed(VOICE_SOURCES)} or a wave file"
         )
+    flow = _flow_of_wave(Path(name))
+    if (ends := len(flow.values) / flow.rate) < duration - 1.0 / flow.rate:
+        warnings.warn(
+            f"{name} ends at {ends:.3g} s, before the sound of {duration:.3g} s: the flow of the glottis "
+            "is 0 from then on",
+            FeatureWarning,
+            stacklevel=3,
+        )
+    return flow
+
+
+def _flow_of_wave(path: Path) -> Flow:
+    """Flow of a wave file; samples of 8 bits are unsigned, and 128 is their 0."""
     try:
-        rate, values = wavfile.read(name)
+        rate, values = wavfile.read(path)
     except ValueError as error:
-        raise DataError(f"{name} cannot be read as a wave file: {error}") from error
-    flow = np.asarray(values, np.float64).reshape(len(values), -1)[:, 0]
+        raise DataError(f"{path} cannot be read as a wave file: {error}") from error
+    channels = np.asarray(values, np.float64).reshape(len(values), -1)
+    if values.dtype.kind == "u":
+        channels = channels - 2.0 ** (8 * values.dtype.itemsize - 1)
+    if (channels != channels[:, :1]).any():
+        raise DataError(
+            f"{path} has {channels.shape[1]} channels that differ, expected the flow of the glottis "
+            "alone: write one of them to a file"
+        )
+    flow = channels[:, 0]
     largest = float(np.abs(flow).max(initial=0.0))
     if not 0.0 < largest < np.inf:
         raise DataError(
-            f"{name} is silent or contains values that are not finite, expected the flow of the "
+            f"{path} is silent or contains values that are not finite, expected the flow of the "
             "glottis: record it again"
         )
     return Flow(3e-4 * flow / largest, float(rate))
@@ -193,9 +219,34 @@ def write_wave(sound: xr.Dataset, path: Path) -> Path:
     """
     if path.suffix.lower() != ".wav":
         raise ConfigurationError(f"{path.name} is not a wave file, expected the suffix .wav")
-    instants = sound["time_sound"].values
-    rate = round(1.0 / float(instants[1] - instants[0]))
+    rate = sample_rate(sound)
     scale = float(sound.attrs["full_scale"])
     samples: NDArray[np.int16] = np.round(32767.0 * sound["sound"].values / scale).astype(np.int16)
     replace_file(path, lambda target: wavfile.write(target, rate, samples))
     return path
+
+
+def sample_rate(sound: xr.Dataset) -> int:
+    """Samples per second of a sound [Hz], from all of its instants, which may be far from 0."""
+    instants = sound["time_sound"].values
+    return round((len(instants) - 1) / float(instants[-1] - instants[0]))
+
+
+def sound_doubts(sound: xr.Dataset) -> list[str]:
+    """Sentences on what formants and sound do not mean, empty if nothing: closures, and silence."""
+    sentences: list[str] = []
+    closed = (sound["area"] <= CLOSED_AREA).any("section").values
+    if closed.any():
+        at = sound["time"].values[closed]
+        sentences.append(
+            f"the tract is closed at {closed.sum()} of {len(closed)} instants, from {at[0]:.4g} to "
+            f"{at[-1]:.4g} s: its formants then are those of a tube with an opening of "
+            f"{1e6 * CLOSURE_AREA:.2g} mm2, which are not heard"
+        )
+    if "sound" in sound and not float(np.abs(sound["sound"]).max()) > FAINT_PRESSURE:
+        sentences.append(
+            f"the sound does not exceed {FAINT_PRESSURE:g} Pa at {sound.attrs['distance']:g} m, expected "
+            "a voice: check that the tract is open, that the lung pressure is in Pa (about 800), and "
+            "the tension of the folds"
+        )
+    return sentences
