@@ -28,6 +28,16 @@ def count(name: str, value: object, *, least: int, error: Refused = StatisticsEr
     return int(real)
 
 
+def magnitude(
+    name: str, value: object, *, zero: bool = False, error: Refused = StatisticsError
+) -> float:
+    """Return a finite number above 0, or from 0; raise the given error for another value."""
+    real = number(name, value, error=error)
+    if not (np.isfinite(real) and (real > 0.0 or (zero and real == 0.0))):
+        raise error(f"{name} is {value!r}, expected a finite number {'>= 0' if zero else '> 0'}")
+    return real
+
+
 def yes_or_no(name: str, value: object, *, error: Refused = StatisticsError) -> bool:
     """Return True or False; raise the given error for a text or number, which Python takes for True."""
     if not isinstance(value, (bool, np.bool_)):

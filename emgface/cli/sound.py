@@ -228,8 +228,8 @@ def _finish(
 
     if wave is not None:
         say(
-            f"Wrote {wave}: simulated, {sample_rate(data)} Hz, 16 bit, 1.0 is {data.attrs['full_scale']:.3g} Pa at "
-            f"{data.attrs['distance']:g} m from the lips."
+            f"Wrote {wave}: simulated, {sample_rate(data)} Hz, 16 bit, 1.0 is "
+            f"{data.attrs['full_scale']:.3g} Pa at {data.attrs['distance']:g} m from the lips."
         )
     if out_path is not None:
         say(f"Wrote {write_netcdf(data, out_path, 'sound')}.")

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analysis.arguments import magnitude
+from emgface.errors import ConfigurationError
 from sim.inverse import PointTarget, Quadratic, Splines, ends_of_steps
 from sim.state import Array
 
@@ -45,6 +47,15 @@ class Assumptions:
     mean: float = 0.3
     size: float = 0.5
     change: float = 2.0
+
+    def __post_init__(self) -> None:
+        """Raise ConfigurationError for numbers that are not finite or too small."""
+        for name in ("spacing", "mean", "size", "change"):
+            magnitude(name, getattr(self, name), error=ConfigurationError)
+        for name in ("strength", "model_memory", "emg_memory"):
+            magnitude(name, getattr(self, name), zero=True, error=ConfigurationError)
+        if self.model_error is not None:
+            magnitude("model_error", self.model_error, zero=True, error=ConfigurationError)
 
     def splines(self, n_steps: int, h: float) -> tuple[Splines, Array]:
         """Splines over steps of length h [s], and the times (n_steps,) of their ends."""

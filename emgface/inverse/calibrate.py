@@ -27,6 +27,7 @@ from emgface.inverse.variants import RECORDED_MUSCLES
 from emgface.muscles import LIP_MARKERS, MUSCLES
 from emgface.signals.activation import feature_range
 from emgface.signals.parameters import SignalChain
+from emgface.study.table import refuse_copies
 from sim.inverse import minimise_in_box
 from sim.state import Array
 from sim.threads import one_blas_thread
@@ -234,7 +235,7 @@ def _left_out_error(
 
 
 def volunteer_of(recordings: Sequence[xr.Dataset]) -> str:
-    """Name of the volunteer of all recordings; DataError if there is none, or several."""
+    """Name of the volunteer of all recordings; DataError if there is none, several, or a copy."""
     if not recordings:
         raise DataError("found no calibration trial, expected at least one recording")
     volunteers = sorted({str(r.attrs.get("volunteer", "")) for r in recordings})
@@ -247,4 +248,5 @@ def volunteer_of(recordings: Sequence[xr.Dataset]) -> str:
             "the calibration trials name no volunteer, expected one, by which other recordings are "
             "matched: set it in the mapping or the attributes of the recordings"
         )
+    refuse_copies(recordings)
     return volunteers[0]

@@ -21,19 +21,23 @@ RELATED, LAGS, LARGEST_MOTION_LAG = 0.5, (-0.15, 0.3), 1.0
 """Correlation of sEMG and motion below which they are not related [1], lags of the motion that are
 expected, and the largest one that is compared [s]. In the twelve simulated trials of the documentation
 the correlation is 0.74 to 0.90 at lags of -0.10 to 0.18 s."""
+USUAL_DELAY = 0.04
+"""Delay of the sEMG with which the lags above were measured [s]."""
 LARGEST_QUIET_RATIO = 0.15
 """Smallest 25 % quantile, over the muscles, of the sEMG over its largest value, above which no muscle
 was quiet [1]. In these trials it is 0, and above 0.2 of noise."""
 
 
-def signs(problem: Problem, recording: xr.Dataset, measured: bool) -> dict[str, Any]:
+def signs(
+    problem: Problem, recording: xr.Dataset, measured: bool, delay: float = USUAL_DELAY
+) -> dict[str, Any]:
     """Attributes of a result by which `doubts` judges the signals of its recording.
 
     ``noise_ratio`` is the noise of the markers over their motion. With sEMG (`measured`),
     ``emg_agreement`` is the largest correlation of the sum of what exceeds the median of every muscle
     with electrodes with the size of the motion, ``emg_lag`` [s] the time by which the motion is then
-    later, ``emg_floor`` the quantity of `LARGEST_QUIET_RATIO`, and ``exchanged_sides`` are the
-    channels of `swapped_sides`.
+    later, ``emg_delay`` [s] the `delay` with which the sEMG was used, ``emg_floor`` the quantity of
+    `LARGEST_QUIET_RATIO`, and ``exchanged_sides`` are the channels of `swapped_sides`.
     """
     moved = problem.moved
     attrs: dict[str, Any] = {"noise_ratio": problem.noise / moved if moved > 0.0 else np.inf}
@@ -53,6 +57,7 @@ def signs(problem: Problem, recording: xr.Dataset, measured: bool) -> dict[str, 
     attrs |= {
         "emg_agreement": agreement,
         "emg_lag": lag,
+        "emg_delay": delay,
         "emg_floor": float(floor.min(initial=1.0)),
     }
     return attrs | {"exchanged_sides": exchanged}
@@ -128,6 +133,11 @@ def _of_signals(attrs: Mapping[str, Any]) -> list[str]:
         sentences.append(
             f"the motion is {when} the sEMG, expected 0 to 0.2 s after it: check the clocks of both, "
             "or use --variant motion"
+        )
+    elif not LAGS[0] <= lag - attrs.get("emg_delay", USUAL_DELAY) + USUAL_DELAY <= LAGS[1]:
+        sentences.append(
+            f"the motion is {lag:.2g} s after the sEMG, which was used {attrs['emg_delay']:.2g} s "
+            "later: expected a delay at which both agree, usually 0.04 s: check it and its unit, s"
         )
     if attrs.get("exchanged_sides"):
         sentences.append(

@@ -29,7 +29,8 @@ def read_mixing(path: Path) -> Array:
     Raises
     ------
     DataError
-        The file cannot be read, a name is unknown, or a share is not within 0-1.
+        The file cannot be read, a name is unknown, a share is not within 0-1, or that of a muscle in
+        its own signal is another than 1.
     """
     try:
         table = pd.read_csv(labelled(open_text(path)), index_col=0).fillna(0.0).astype(float)
@@ -56,6 +57,11 @@ def read_mixing(path: Path) -> Array:
             if not 0.0 <= share <= 1.0:
                 raise DataError(
                     f"{path}: share {share:g} of {muscle} in the signal over {signal}, expected 0 to 1"
+                )
+            if muscle == signal and share not in (0.0, 1.0):
+                raise DataError(
+                    f"{path}: share {share:g} of {muscle} in its own signal, expected 1 or an empty "
+                    "cell, because the other shares are relative to it: divide the row by it"
                 )
             if muscle != signal:
                 mixing[i, MUSCLES.index(str(muscle))] = share

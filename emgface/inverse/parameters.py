@@ -1,13 +1,16 @@
 """Parameters of an inversion."""
 
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Final, Literal, get_args
 
+from analysis.arguments import count, magnitude, number
 from emgface.errors import ConfigurationError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.assumptions import Assumptions
 from emgface.inverse.variants import Variant
 
+LONGEST_DELAY: Final = 10.0
+"""Largest delay of the sEMG, or of the clock of the markers, that is not a wrong unit [s]."""
 Form = Literal["trajectory", "step", "quasi_static"]
 
 
@@ -61,6 +64,20 @@ class InverseParameters:
     left_out: tuple[str, ...] = ()
     assumed: Assumptions = field(default_factory=Assumptions)
     iterations: int = 12
+
+    def __post_init__(self) -> None:
+        """Raise ConfigurationError for numbers that are not finite or too small."""
+        for name in ("marker_error", "jump", "gain", "emg_error"):
+            magnitude(name, getattr(self, name), error=ConfigurationError)
+        for name in ("chase", "size", "change"):
+            magnitude(name, getattr(self, name), zero=True, error=ConfigurationError)
+        count("iterations", self.iterations, least=1, error=ConfigurationError)
+        number("emg_weight", self.emg_weight, error=ConfigurationError)
+        if not abs(number("delay", self.delay, error=ConfigurationError)) <= LONGEST_DELAY:
+            raise ConfigurationError(
+                f"the delay of the sEMG is {self.delay:g} s, expected at most {LONGEST_DELAY:g} s "
+                "before or after: check its unit, s"
+            )
 
 
 def form_of(form: str, contact: bool) -> None:

@@ -129,7 +129,7 @@ def invert(
         warn_of(other)
         result = with_findings(result, other)
     return result.assign_attrs(
-        signs(problem, recording, p.variant != "motion"),
+        signs(problem, recording, p.variant != "motion", float(np.mean(delay))),
         run_time_s=time.perf_counter() - begun,
         sigma_max=simulation.sigma_max,
     )

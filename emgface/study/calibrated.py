@@ -25,7 +25,7 @@ from emgface.signals.parameters import STRATEGIES
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.outcomes import StudyRun
 from emgface.study.stages import Laboratory, StoredFailure
-from emgface.study.table import PlannedTrial, Recording, load_recording
+from emgface.study.table import PlannedTrial, Recording, load_recording, refuse_copies
 
 COMPARED_STRESSES: Final = (50e3, 120e3, PUBLISHED_START)
 """Stresses at which motions are compared [Pa]; a calibrated value is between the first and the last."""
@@ -139,7 +139,7 @@ def calibrated_for(
 
     `trial` are the attributes of its activation: volunteer, instruction, repetition and strategy.
     Raises ConfigurationError if these are absent, or the trial itself or another volunteer is among
-    the recordings, and DataError if no value follows from them.
+    the recordings, and DataError if no value follows from them, or two contain the same samples.
     """
     names = ("volunteer", "instruction", "repetition", "strategy")
     if lacking := [name for name in names if name not in trial]:
@@ -165,6 +165,7 @@ def calibrated_for(
             raise ConfigurationError(
                 f"{one.path.name} is of {one.place[0]}, expected recordings of {place[0]}"
             )
+    refuse_copies(one.dataset for one in recordings)
     with TemporaryDirectory() as folder:
         at = Laboratory(Store(Path(folder)), face, study, lambda text: None)
         extent = None

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -121,6 +121,17 @@ def samples_digest(dataset: xr.Dataset) -> str:
             values = np.ascontiguousarray(dataset[name].values, dtype=np.float64)
             digest.update(f"{values.shape}".encode() + values.tobytes())
     return digest.hexdigest()
+
+
+def refuse_copies(recordings: Iterable[xr.Dataset]) -> None:
+    """Raise DataError if two recordings from which a value is calibrated contain the same samples."""
+    first: dict[str, int] = {}
+    for k, one in enumerate(recordings, 1):
+        if (before := first.setdefault(samples_digest(one), k)) != k:
+            raise DataError(
+                f"recordings {before} and {k} of the calibration contain the same samples, which would "
+                "count twice, expected different trials: leave one of them out"
+            )
 
 
 @lru_cache(maxsize=4)

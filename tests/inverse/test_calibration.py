@@ -150,6 +150,9 @@ def test_impossible_requests_are_refused():
     for anonymous in ({}, {"volunteer": ""}):
         with pytest.raises(DataError, match="name no volunteer"):
             volunteer_of([xr.Dataset(attrs=anonymous)])
+    copies = [xr.Dataset({"emg": ("t", [1.0, 2.0])}, attrs={"volunteer": "S01"})] * 2
+    with pytest.raises(DataError, match="recordings 1 and 2 of the calibration contain the same"):
+        calibrate(copies, xr.Dataset())
     two = [xr.Dataset(attrs={"volunteer": name}) for name in ("S01", "S02")]
     with pytest.raises(DataError, match="S01, S02: calibrate each separately"):
         calibrate(two, xr.Dataset())

@@ -72,6 +72,15 @@ def test_an_sEMG_that_is_shifted_in_time_is_reported(posed, recording, shift, wh
     assert doubt_text(posed, recording, measured=False) == ""
 
 
+def test_a_delay_at_which_sEMG_and_motion_do_not_agree_is_reported(posed, recording):
+    """Milliseconds for seconds, and a delay of half the trial; the usual delay is not mentioned."""
+    problem, usual = posed(recording), {"rest_ratio": 0.0, "misfit_ratio": 0.1}
+    for delay, words in ((0.04, ""), (0.6, "used 0.6 s later"), (9.0, "used 9 s later")):
+        attrs = usual | signs(problem, recording, True, delay)
+        text = " ".join(doubts(xr.Dataset(attrs=attrs)))
+        assert words in text and bool(words) == bool(text)
+
+
 def test_an_sEMG_of_noise_is_reported(posed, recording):
     rng = np.random.default_rng(2)
     recording["emg"][:] = 2e-4 * rng.standard_normal(recording["emg"].shape)

@@ -33,6 +33,7 @@ def test_a_matrix_is_read_by_names(tmp_path):
             "signal,RIS_L\nZYG_L,1.5\n",
             "share 1.5 of RIS_L in the signal over ZYG_L, expected 0 to 1",
         ),
+        ("signal,RIS_L,ZYG_L\nZYG_L,0.1,0.8\n", "share 0.8 of ZYG_L in its own signal, expected 1"),
         ("signal,RIS_L\nZYG_L,much\n", "cannot be read as a mixing matrix"),
     ],
 )

@@ -34,7 +34,7 @@ FAINT_PRESSURE: Final = 2e-3
 """Sound pressure below which a wave file is not amplified further [Pa], 40 dB, so that a closed mouth is
 quiet."""
 CLOSED_AREA: Final = 10.0 * CLOSURE_AREA
-"""Area up to which a section is closed [m^2]; one that spans a closure has the harmonic mean of its parts."""
+"""Area up to which a section is closed [m^2]; one that is partly closed has a harmonic mean."""
 VOICE_SOURCES: Final = ("folds", "rosenberg")
 
 
@@ -89,8 +89,8 @@ def source_of(name: str, duration: float, *, lung: float, pitch: float, tension:
     flow = _flow_of_wave(Path(name))
     if (ends := len(flow.values) / flow.rate) < duration - 1.0 / flow.rate:
         warnings.warn(
-            f"{name} ends at {ends:.3g} s, before the sound of {duration:.3g} s: the flow of the glottis "
-            "is 0 from then on",
+            f"{name} ends at {ends:.3g} s, before the sound of {duration:.3g} s: the flow of the "
+            "glottis is 0 from then on",
             FeatureWarning,
             stacklevel=3,
         )
@@ -245,8 +245,8 @@ def sound_doubts(sound: xr.Dataset) -> list[str]:
         )
     if "sound" in sound and not float(np.abs(sound["sound"]).max()) > FAINT_PRESSURE:
         sentences.append(
-            f"the sound does not exceed {FAINT_PRESSURE:g} Pa at {sound.attrs['distance']:g} m, expected "
-            "a voice: check that the tract is open, that the lung pressure is in Pa (about 800), and "
-            "the tension of the folds"
+            f"the sound does not exceed {FAINT_PRESSURE:g} Pa at {sound.attrs['distance']:g} m, "
+            "expected a voice: check that the tract is open, that the lung pressure is in Pa (about "
+            "800), and the tension of the folds"
         )
     return sentences
