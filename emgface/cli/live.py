@@ -176,9 +176,11 @@ def _drive(
     source: str | None, range_: Path | None, mapping: Path | None, moving: "Moving"
 ) -> "Drive":
     """Sliders, or a recording or stream with the range of its features."""
+    import numpy as np
+
     import emgface as ef
     from emgface.errors import ConfigurationError
-    from emgface.reduced.live import heard, weights_of
+    from emgface.reduced.live import heard, span_of, weights_of
     from emgface.reduced.stream import Played, Streamed
     from emgface.view.live import Semg, Sliders
 
@@ -194,13 +196,26 @@ def _drive(
     if name:
         stream = Streamed(name, moving.step)
     else:
-        stream = Played(ef.read(source, mapping=mapping) if range_ else recording, moving.step)
+        played = ef.read(source, mapping=mapping) if range_ else recording
+        stream = Played(played, moving.step)
+        _tell_other_person(recording, played)
     between = heard(recording, moving.step, moving.muscles, stream.channels)
-    weights = weights_of(stream.channels, moving.muscles)
-    silent = [m for m, w in zip(moving.muscles, weights, strict=True) if not w.any()]
-    if silent:
-        say(f"Warning: no channel of the source records {', '.join(silent)}, which stay at rest.")
+    recorded = weights_of(stream.channels, moving.muscles).any(axis=1)
+    still = recorded & np.isinf(span_of(between))
+    for which, reason in ((~recorded, "has no channel"), (still, "is constant in the range")):
+        if names := ", ".join(m for m, one in zip(moving.muscles, which, strict=True) if one):
+            say(f"Warning: the sEMG of {names} {reason}; these muscles stay at rest.")
     return Semg(stream, moving.muscles, between, name or Path(source).name)
+
+
+def _tell_other_person(recording: "xr.Dataset", played: "xr.Dataset") -> None:
+    """Warn if the range is that of another volunteer than the one whose recording is played."""
+    own, other = (str(one.attrs.get("volunteer", "")) for one in (recording, played))
+    if own and other and own != other:
+        say(
+            f"Warning: the range is of volunteer {own}, the source of {other}, expected the same person "
+            "and electrodes: activations are then relative to another person."
+        )
 
 
 def _session(

@@ -98,8 +98,8 @@ def move(head: Head, drive: Drive, progress: Progress) -> Moved:
     Settings are the muscle ``law`` of the jaw and ``gravity``. The lips and the incisor of a recording
     are scored.
     """
-    from emgface.anatomy.head.run import raised, simulate_head
-    from emgface.anatomy.jaw.series import read_excitation
+    from emgface.anatomy.head.run import HEAD_OUTPUT, raised, simulate_head
+    from emgface.anatomy.jaw.series import duration_of, read_excitation
 
     path, tolerance = Path(drive.source), tolerance_of(drive.accuracy)
     step: dict[str, Any] = {} if drive.step is None else {"step": drive.step}
@@ -108,13 +108,15 @@ def move(head: Head, drive: Drive, progress: Progress) -> Moved:
     refuse_unused(drive, (), "excitations of a head")
     if is_file:
         excitation, task = read_excitation(path), path.stem
+        duration = duration_of(excitation, HEAD_OUTPUT, drive.duration)
     else:
         levels = levels_of(drive.source, 0.3)
         jaw = "bi_close" in head.lists["exciter"].values
         excitation, task = raised(levels, jaw=jaw), " and ".join(levels) or "rest"
+        duration = 0.5 if drive.duration is None else drive.duration
     options = chosen(_settings, drive.settings, "law", "gravity")
     motion = simulate_head(
-        head, excitation, duration=drive.duration or 0.5, tolerance=tolerance, progress=progress,
+        head, excitation, duration=duration, tolerance=tolerance, progress=progress,
         **options, **step,
     )  # fmt: skip
     motion.attrs["task"] = task

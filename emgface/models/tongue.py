@@ -115,7 +115,7 @@ def move(tongue: xr.Dataset, drive: Drive, progress: Progress) -> Moved:
 
     Exciters with levels rise and fall. Settings are ``variant`` and ``gravity``.
     """
-    from emgface.anatomy.jaw.series import read_excitation
+    from emgface.anatomy.jaw.series import duration_of, read_excitation
     from emgface.anatomy.tongue.actions import ACTION_DURATION, ACTION_LEVEL, raised_muscles
     from emgface.anatomy.tongue.published import read_gesture
     from emgface.anatomy.tongue.run import TONGUE_OUTPUT, simulate_tongue
@@ -126,10 +126,7 @@ def move(tongue: xr.Dataset, drive: Drive, progress: Progress) -> Moved:
     if names_file(drive.source):
         read_drive = read_gesture if path.suffix == ".txt" else read_excitation
         excitation, name = read_drive(path), path.stem
-        if duration is None:
-            duration = TONGUE_OUTPUT * int(
-                float(excitation.time[-1]) / TONGUE_OUTPUT + 1e-9
-            )  # whole outputs
+        duration = duration_of(excitation, TONGUE_OUTPUT, duration)
     else:
         levels = levels_of(drive.source, ACTION_LEVEL)
         if len({*levels.values()}) > 1:

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 import xarray as xr
-from scipy.signal import butter, sosfilt
+from scipy.signal import butter, sosfilt, sosfilt_zi
 
 from emgface.errors import SignalError
 from emgface.reduced.model import Floats, ReducedFace
@@ -26,6 +26,10 @@ LIVE_WINDOW: Final = 0.1
 """Window of the root mean square [s], which ends at the present."""
 
 
+SAME_FEATURE: Final = 1e-9
+"""Difference of features up to which they are rounding of a constant signal and not sEMG [V]."""
+
+
 @dataclass
 class CausalFeature:
     """Root mean square of filtered and mapped channels over the window that ends at each frame.
@@ -38,6 +42,7 @@ class CausalFeature:
     weights: Floats
     _memory: Floats = field(init=False)
     _squares: Floats = field(init=False)
+    _last: Floats | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         """Begin with silence."""
@@ -54,14 +59,30 @@ class CausalFeature:
     def __call__(self, samples: Floats) -> Floats:
         """Feature (n_muscles,) [V] after some more samples (n_channels, k) [V].
 
-        Values that are not finite or beyond `LARGEST_VOLTAGE` count as 0 V: the filter would keep
-        them for ever.
+        Values that are not finite or beyond `LARGEST_VOLTAGE` count as the one before: the filter would
+        keep them for ever. It begins as if the first value had been there before, so that the constant
+        voltage of an amplifier is no burst.
         """
-        samples = np.where(np.abs(samples) <= LARGEST_VOLTAGE, samples, 0.0)  # False for NaN
+        samples = self._repaired(samples)
         filtered, self._memory = sosfilt(self._filter, samples, axis=1, zi=self._memory)
         squares = (self.weights @ filtered) ** 2
         self._squares = np.concatenate([self._squares, squares], axis=1)[:, squares.shape[1] :]
         return np.sqrt(self._squares.mean(axis=1))
+
+    def _repaired(self, samples: Floats) -> Floats:
+        """Samples in which the last usable value replaces those that are not usable."""
+        usable = np.abs(samples) <= LARGEST_VOLTAGE  # False for NaN
+        if self._last is None and samples.shape[1]:
+            first = samples[np.arange(len(samples)), usable.argmax(axis=1)]
+            self._last = np.where(usable.any(axis=1), first, 0.0)
+            self._memory = sosfilt_zi(self._filter)[:, None, :] * self._last[:, None]
+        if self._last is None:
+            return samples
+        whole = np.concatenate([self._last[:, None], samples], axis=1)
+        at = np.where(usable, np.arange(1, whole.shape[1]), 0)
+        kept = np.take_along_axis(whole, np.maximum.accumulate(at, axis=1), axis=1)
+        self._last = kept[:, -1]
+        return kept
 
 
 @dataclass
@@ -112,10 +133,10 @@ class LiveFace:
 def heard(
     recording: xr.Dataset, step: float, muscles: Sequence[str], channels: Sequence[str] = ()
 ) -> tuple[Floats, Floats]:
-    """Least and largest feature (n_muscles,) [V] over one pass of a recording.
+    """Least and largest feature (n_muscles,) [V] over one pass of a recording, of complete windows.
 
-    Raises SchemaError or SignalError if there is no sEMG, it has gaps, or its channels are not those of
-    the source, if these are given.
+    Raises SchemaError or SignalError if there is no sEMG, it has gaps, it is not longer than a window,
+    or its channels are not those of the source, if these are given.
     """
     frames, rate, names = frames_of(recording, step)
     if channels and (other := sorted(set(names) ^ set(channels))):
@@ -124,8 +145,19 @@ def heard(
             "same ones in both: choose another --range"
         )
     feature = CausalFeature(rate, weights_of(names, muscles))
-    values = np.array([feature(frame) for frame in frames])
+    values = np.array([feature(frame) for frame in frames])[round(LIVE_WINDOW / step) :]
+    if not len(values):
+        raise SignalError(
+            f"the recording of the range lasts {len(frames) * step:g} s, expected more than the window "
+            f"of {LIVE_WINDOW:g} s, over which a feature is computed: choose a longer one"
+        )
     return values.min(axis=0), values.max(axis=0)
+
+
+def span_of(between: tuple[Floats, Floats]) -> Floats:
+    """Differences (n_muscles,) [V] of the least and the largest feature; inf where it is constant."""
+    low, high = between
+    return np.where(high - low > SAME_FEATURE, high - low, np.inf)
 
 
 def weights_of(channels: Sequence[str], muscles: Sequence[str]) -> Floats:
@@ -149,8 +181,7 @@ def live(
     from the arrival of its last sample to the markers, computing time [s], number of samples lost
     before it, bound of the error [m], distance, 1 if the frame is trusted. Errors as of the source.
     """
-    low, high = between
-    span = np.where(high > low, high - low, 1.0)
+    low, span = between[0], span_of(between)
     weights = weights_of(source.channels, reduced.model.system.muscles)
     feature, face = CausalFeature(source.rate, weights), LiveFace(reduced, step)
     face(np.zeros(len(low)))  # loads the kernel before the clock starts

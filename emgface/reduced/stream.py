@@ -46,7 +46,7 @@ class SignalSource(Protocol):
 def frames_of(recording: xr.Dataset, step: float) -> tuple[list[Floats], float, tuple[str, ...]]:
     """Samples (n_channels, k) [V] of every step of a recording, their rate, and the channels.
 
-    Raises SchemaError or SignalError if there is no sEMG, or it has gaps.
+    Raises SchemaError or SignalError if there is no sEMG, it has gaps, or is shorter than a step.
     """
     emg = emg_of(recording).transpose("channel", "time_emg")
     rate = sampling_rate(emg["time_emg"])
@@ -57,6 +57,11 @@ def frames_of(recording: xr.Dataset, step: float) -> tuple[list[Floats], float, 
             "the recording has gaps, expected a stream without gaps: interpolate them first"
         )
     ends = np.round(np.arange(1, int(values.shape[1] / rate / step) + 1) * step * rate).astype(int)
+    if not len(ends):
+        raise SignalError(
+            f"the recording has {values.shape[1]} samples at {rate:g} Hz, expected at least those of a "
+            f"step of {step:g} s: choose a longer one"
+        )
     return np.split(values[:, : ends[-1]], ends[:-1], axis=1), rate, known
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emgface.errors import DataError, SignalError
-from emgface.reduced.live import CausalFeature, weights_of
+from emgface.reduced.live import CausalFeature, span_of, weights_of
 from emgface.reduced.stream import SignalSource
 from emgface.view.curves import Curves, curves_from
 from emgface.view.frames import Log, frame_of
@@ -106,8 +106,7 @@ class Semg:
         name: str,
     ) -> None:
         self.name, self._source = name, source
-        self._low, high = between
-        self._span = np.where(high > self._low, high - self._low, 1.0)
+        self._low, self._span = between[0], span_of(between)
         self._weights = weights_of(source.channels, muscles)
         self._rest = np.zeros(len(muscles))
         self.start()
@@ -141,8 +140,7 @@ class Semg:
             return self._rest.copy(), self.now(), 0, note
         note = ""
         if not np.isfinite(samples).all():
-            note = "The source sent values that are not numbers; they are treated as 0 V."
-            samples = np.where(np.isfinite(samples), samples, 0.0)
+            note = "The source sent values that are not numbers; the last value replaces them."
         value = np.clip((self._feature(samples) - self._low) / self._span, 0.0, 1.0)
         return value, arrived, lost, note
 

@@ -8,7 +8,9 @@ from emgface.anatomy.airway.area_function import equal_sections
 from emgface.anatomy.airway.head import TEETH_GAP, head_tract
 from emgface.anatomy.airway.sound import with_formants
 from emgface.anatomy.head.build import build_head
-from emgface.errors import DataError
+from emgface.anatomy.head.model import read_head, write_head
+from emgface.anatomy.head.run import raised, read_motion, simulate_head, write_motion
+from emgface.errors import DataError, HeadError
 
 
 @pytest.fixture(scope="module")
@@ -22,8 +24,8 @@ def moved(head, *, tongue=(0.0, 0.0), jaw=0.0):
     shift = [np.zeros(3), np.array([0.0, *tongue])]
     after = np.concatenate([x + d for x, d in zip(rest, shift, strict=True)])
     place = np.stack([np.concatenate(rest), after])
-    body = np.zeros((2, 1, 3))
-    body[1, 0, 2] = -jaw
+    body = np.tile(head.parts["jaw"]["body_centre"].sel(body="jaw").values, (2, 1, 1))
+    body[1, 0, 2] -= jaw
     return xr.Dataset(
         {
             "node_position": (("time", "node", "axis"), place),
@@ -74,3 +76,28 @@ def test_heads_and_motions_without_what_is_needed_are_refused(head):
         head_tract(face)
     with pytest.raises(DataError, match="positions of nodes"):
         head_tract(head, moved(head).drop_vars("node_position"))
+
+
+def test_the_tract_at_an_instant_does_not_depend_on_the_others(head):
+    """A motion that follows a recording does not begin at rest."""
+    whole = moved(head, jaw=8e-3)
+    last = head_tract(head, whole.isel(time=[1]))
+    assert (last["area"].values[0] == head_tract(head, whole)["area"].values[1]).all()
+    assert (head_tract(head, whole)["area"].values[0] == head_tract(head)["area"].values[0]).all()
+
+
+def test_a_motion_belongs_to_its_head(head, tmp_path):
+    """Also after both have been written and read; another person has the same numbers of nodes."""
+    motion = simulate_head(head, raised({}), duration=0.01)
+    write_motion(motion, head, tmp_path / "motion.nc")
+    write_head(head, tmp_path / "head.nc")
+    read, _ = read_motion(tmp_path / "motion.nc")
+    again = head_tract(read_head(tmp_path / "head.nc"), read)
+    assert (again["area"].values == head_tract(head, motion)["area"].values).all()
+    other = build_head(preset="woman", resolution="coarse", contacts=())
+    with pytest.raises(
+        HeadError, match="is of the head 'template head .man.*with digest .*, found"
+    ):
+        head_tract(other, read)
+    with pytest.raises(HeadError, match="the motion has 7 nodes"):
+        head_tract(head, moved(head).isel(node=slice(0, 7)))

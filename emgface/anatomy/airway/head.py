@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.anatomy.airway.area_function import area_function, equal_sections
-from emgface.anatomy.head.model import Head
+from emgface.anatomy.head.model import Head, require_own_motion
 from emgface.anatomy.jaw.skull import rotated
 from emgface.errors import DataError
 from emgface.face.mouth import Mouth
@@ -146,7 +146,7 @@ def head_tract(head: Head, motion: xr.Dataset | None = None) -> xr.Dataset:
     Raises
     ------
     DataError
-        As `TractGrid.from_head`, or the motion lacks the nodes of its tissues.
+        As `TractGrid.from_head`, or the motion lacks the nodes of its tissues, or is of another head.
     """
     grid, mouth = TractGrid.from_head(head), Mouth.from_face(head.parts["face"])
     face, tongue = (head.parts[name]["position"].values for name in ("face", "tongue"))
@@ -158,6 +158,8 @@ def head_tract(head: Head, motion: xr.Dataset | None = None) -> xr.Dataset:
         raise DataError(
             "the motion has no positions of nodes, expected the nodes of face and tongue"
         )
+    if motion is not None:
+        require_own_motion(head, motion)
     time = np.zeros(1) if motion is None else motion["time"].values
     areas, lengths = list[Floats](), list[Floats]()
     for k in range(len(time)):
@@ -165,7 +167,7 @@ def head_tract(head: Head, motion: xr.Dataset | None = None) -> xr.Dataset:
         if motion is not None:
             q = motion["node_position"].isel(time=k).transpose("node", "axis").values
             lips, dorsum = q[: len(face)], q[len(face) : len(face) + len(tongue)]
-            lower = _with_jaw(lower, motion, k)
+            lower = _with_jaw(lower, head.parts["jaw"], motion, k)
         teeth = lower, shells["mandible"].triangles
         inside = grid.areas(palate, teeth, (dorsum, skin))
         bite = (shells["maxilla"].points, shells["maxilla"].triangles), teeth
@@ -182,15 +184,14 @@ def head_tract(head: Head, motion: xr.Dataset | None = None) -> xr.Dataset:
     return area_function(*equal_sections(S, L), time, assumptions=description)
 
 
-def _with_jaw(points: Floats, motion: xr.Dataset, k: int) -> Floats:
-    """Points of the mandible at an instant of a motion."""
+def _with_jaw(points: Floats, jaw: xr.Dataset, motion: xr.Dataset, k: int) -> Floats:
+    """Points of the mandible at an instant of a motion, whose first instant need not be rest."""
     if "body" not in motion.coords or "jaw" not in motion["body"].values:
         return points
-    jaw = motion.sel(body="jaw")
-    centre = jaw["body_position"].transpose("time", "axis").values
-    turn = jaw["body_quaternion"].transpose("time", "part").values
-    back = rotated(turn[0] * [1.0, -1.0, -1.0, -1.0], points - centre[0])
-    return centre[k] + rotated(turn[k], back)
+    moved = motion.sel(body="jaw").isel(time=k)
+    rest = jaw["body_centre"].sel(body="jaw").values
+    turn = moved["body_quaternion"].transpose("part").values
+    return moved["body_position"].transpose("axis").values + rotated(turn, points - rest)
 
 
 def _bite(upper: Surface, lower: Surface, front: float) -> float:

@@ -20,6 +20,7 @@ from emgface.anatomy.mesh_model import integers, stacked
 from emgface.errors import HeadError
 from emgface.face.parts import Arch, Integers
 from emgface.muscles import AXES
+from emgface.run.digest import dataset_digest, text_digest
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.schema.validation import declared_variables, validate
 from sim.indices import indices
@@ -58,6 +59,10 @@ FLOOR_GROUPS: Final = {
     "gh": ("gh", "GH"),
 }
 """Groups of a jaw and a tongue that both have them, excited as one muscle each."""
+
+
+HEAD_DIGEST: Final = "head_digest"
+"""Attribute of a motion: digest of the head that moves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,6 +198,26 @@ def write_head(head: Head, path: str | Path) -> Path:
     """Write a head with its parts as groups of one netCDF file; errors as of `write_netcdf`."""
     parts = {group: (part, GROUP_SCHEMAS[group]) for group, part in head.parts.items()}
     return write_netcdf(head.lists, path, "head_model", groups=parts)
+
+
+def head_digest(head: Head) -> str:
+    """Digest of the parts of a head, by which its motions are recognised."""
+    parts = sorted(head.parts.items())
+    return text_digest(" ".join(f"{group} {dataset_digest(part)}" for group, part in parts))
+
+
+def require_own_motion(head: Head, motion: xr.Dataset) -> None:
+    """Raise HeadError if a motion states the digest of another head, or has other numbers of nodes."""
+    own, other = head_digest(head), str(motion.attrs.get(HEAD_DIGEST, ""))
+    tissues = [name for name in ("face", "tongue") if name in head.parts]
+    nodes = sum(head.parts[name].sizes["node"] for name in tissues)
+    if (other and other != own) or motion.sizes.get("node", nodes) != nodes:
+        raise HeadError(
+            f"the motion has {motion.sizes.get('node', 0)} nodes and is of the head "
+            f"{str(motion.attrs.get('head', 'unnamed'))!r} with digest {other[:8] or 'not stated'}, "
+            f"found the head {str(head.lists.attrs.get('name', ''))!r} with {nodes} nodes and digest "
+            f"{own[:8]}: specify the head that was simulated"
+        )
 
 
 def require_face_and_jaw(head: Head) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 import sim
-from emgface.anatomy.head.model import GROUP_SCHEMAS, Head, read_parts
+from emgface.anatomy.head.model import GROUP_SCHEMAS, HEAD_DIGEST, Head, head_digest, read_parts
 from emgface.anatomy.head.scene import TONGUE, HeadScene, head_scene
 from emgface.anatomy.jaw.series import Excitation, ramps
 from emgface.anatomy.step_error import order_of_steps, with_step_error
@@ -137,6 +137,7 @@ def simulate_head(
     motion.attrs |= {
         "origin": "simulated",
         "head": head.lists.attrs["name"],
+        HEAD_DIGEST: head_digest(head),
         "clipped_excitation": negative,
     }
     return validate(motion, "head_motion")

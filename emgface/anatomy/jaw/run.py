@@ -9,7 +9,7 @@ import sim
 from emgface.anatomy.jaw.model import Floats
 from emgface.anatomy.jaw.probes import Lines, Resistance
 from emgface.anatomy.jaw.scene import JawScene, jaw_scene
-from emgface.anatomy.jaw.series import Excitation
+from emgface.anatomy.jaw.series import Excitation, duration_of
 from emgface.anatomy.jaw.tasks import JawTask, turned_head
 from emgface.anatomy.step_error import Jumps, order_of_steps, with_step_error
 from emgface.errors import JawError
@@ -199,10 +199,11 @@ def end_speed(motion: xr.Dataset) -> float:
     return float(np.linalg.norm(x[1] - x[0], axis=1).max() / took)
 
 
-def run_excitation(jaw: xr.Dataset, excitation: Excitation, **options: object) -> xr.Dataset:
+def run_excitation(
+    jaw: xr.Dataset, excitation: Excitation, *, duration: float | None = None, **options: object
+) -> xr.Dataset:
     """Simulate a jaw until the last instant of excitations; options as of `simulate_jaw`."""
-    duration = JAW_OUTPUT * int(float(excitation.time[-1]) / JAW_OUTPUT + 1e-9)  # whole outputs
-    given = {"duration": duration} | options
+    given = options | {"duration": duration_of(excitation, JAW_OUTPUT, duration)}
     return simulate_jaw(jaw, excitation, **given)  # pyright: ignore[reportArgumentType]
 
 

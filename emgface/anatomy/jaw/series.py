@@ -238,6 +238,23 @@ def _check_times(path: Path, given: Excitation) -> None:
         )
 
 
+def duration_of(excitation: Excitation, output: float, wanted: float | None = None) -> float:
+    """Duration of the motion by excitations of a file [s]: a wanted one, or that of whole outputs.
+
+    Warns (FeatureWarning) if it is longer than the excitations, whose last values are then held.
+    """
+    end = float(excitation.time[-1])
+    if wanted is None:
+        return output * int(end / output + 1e-9)
+    if wanted > end + output:
+        warnings.warn(
+            f"the excitations end at {end:g} s: their last values are held until {wanted:g} s",
+            FeatureWarning,
+            stacklevel=3,
+        )
+    return wanted
+
+
 def excitation_in(dataset: xr.Dataset) -> Excitation:
     """Excitations of a Dataset with ``excitation`` or ``activation`` over time and one other dim.
 
