@@ -203,7 +203,7 @@ def _drive(
     recorded = weights_of(stream.channels, moving.muscles).any(axis=1)
     still = recorded & np.isinf(span_of(between))
     for which, reason in ((~recorded, "has no channel"), (still, "is constant in the range")):
-        if names := ", ".join(m for m, one in zip(moving.muscles, which, strict=True) if one):
+        if names := ", ".join(moving.muscles[k] for k in np.flatnonzero(which)):
             say(f"Warning: the sEMG of {names} {reason}; these muscles stay at rest.")
     return Semg(stream, moving.muscles, between, name or Path(source).name)
 
