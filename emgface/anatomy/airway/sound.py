@@ -33,7 +33,7 @@ PEAK: Final = 0.9
 FAINT_PRESSURE: Final = 2e-3
 """Sound pressure below which a wave file is not amplified further [Pa], 40 dB, so that a closed mouth is
 quiet."""
-CLOSED_AREA: Final = 10.0 * CLOSURE_AREA
+OCCLUSION_AREA: Final = 10.0 * CLOSURE_AREA
 """Area up to which a section is closed [m^2]; one that is partly closed has a harmonic mean."""
 VOICE_SOURCES: Final = ("folds", "rosenberg")
 
@@ -235,7 +235,7 @@ def sample_rate(sound: xr.Dataset) -> int:
 def sound_doubts(sound: xr.Dataset) -> list[str]:
     """Sentences on what formants and sound do not mean, empty if nothing: closures, and silence."""
     sentences: list[str] = []
-    closed = (sound["area"] <= CLOSED_AREA).any("section").values
+    closed = (sound["area"] <= OCCLUSION_AREA).any("section").values
     if closed.any():
         at = sound["time"].values[closed]
         sentences.append(
