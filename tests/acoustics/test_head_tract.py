@@ -86,9 +86,12 @@ def test_the_tract_at_an_instant_does_not_depend_on_the_others(head):
     assert (head_tract(head, whole)["area"].values[0] == head_tract(head)["area"].values[0]).all()
 
 
-def test_a_motion_belongs_to_its_head(head, tmp_path):
+@pytest.mark.parametrize("earlier", [False, True])
+def test_a_motion_belongs_to_its_head(head, tmp_path, earlier):
     """Also after both have been written and read; another person has the same numbers of nodes."""
     motion = simulate_head(head, raised({}), duration=0.01)
+    if earlier:
+        del motion.attrs["head_digest"]
     write_motion(motion, head, tmp_path / "motion.nc")
     write_head(head, tmp_path / "head.nc")
     read, _ = read_motion(tmp_path / "motion.nc")

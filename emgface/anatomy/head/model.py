@@ -200,15 +200,16 @@ def write_head(head: Head, path: str | Path) -> Path:
     return write_netcdf(head.lists, path, "head_model", groups=parts)
 
 
-def head_digest(head: Head) -> str:
+def head_digest(parts: Mapping[str, xr.Dataset]) -> str:
     """Digest of the parts of a head, by which its motions are recognised."""
-    parts = sorted(head.parts.items())
-    return text_digest(" ".join(f"{group} {dataset_digest(part)}" for group, part in parts))
+    return text_digest(
+        " ".join(f"{group} {dataset_digest(parts[group])}" for group in sorted(parts))
+    )
 
 
 def require_own_motion(head: Head, motion: xr.Dataset) -> None:
     """Raise HeadError if a motion states the digest of another head, or has other numbers of nodes."""
-    own, other = head_digest(head), str(motion.attrs.get(HEAD_DIGEST, ""))
+    own, other = head_digest(head.parts), str(motion.attrs.get(HEAD_DIGEST, ""))
     tissues = [name for name in ("face", "tongue") if name in head.parts]
     nodes = sum(head.parts[name].sizes["node"] for name in tissues)
     if (other and other != own) or motion.sizes.get("node", nodes) != nodes:

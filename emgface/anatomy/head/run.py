@@ -137,7 +137,7 @@ def simulate_head(
     motion.attrs |= {
         "origin": "simulated",
         "head": head.lists.attrs["name"],
-        HEAD_DIGEST: head_digest(head),
+        HEAD_DIGEST: head_digest(head.parts),
         "clipped_excitation": negative,
     }
     return validate(motion, "head_motion")
@@ -193,6 +193,8 @@ def write_motion(motion: xr.Dataset, head: Head, path: str | Path) -> Path:
 
 
 def read_motion(path: str | Path) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
-    """Read a motion and the parts of its head."""
+    """Read a motion and the parts of its head, whose digest earlier files do not state."""
     motion = read_netcdf(path, "head_motion")
-    return motion, read_parts(path, motion["named"].values.tolist())
+    parts = read_parts(path, motion["named"].values.tolist())
+    motion.attrs.setdefault(HEAD_DIGEST, head_digest(parts))
+    return motion, parts
