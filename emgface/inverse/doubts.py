@@ -12,6 +12,9 @@ from sim.state import Array
 
 LARGEST_MISFIT = 0.5
 """Misfit over motion of the targets above which the face does not follow the markers [1]."""
+LAGGING = 0.1
+"""Misfit of the motion minus that of the equilibria, over the motion of the targets, above which a face
+moves too fast for equilibria [1]."""
 RESTING = 0.1
 """Motion within the first `emgface.inverse.markers.REST` over that of the trial above which a trial does
 not begin at rest [1]."""
@@ -105,6 +108,13 @@ def doubts(result: xr.Dataset) -> list[str]:
             f"the face does not follow the markers: the misfit exceeds {LARGEST_MISFIT:.0%} of "
             "their motion. Check names, axes and unit of the markers (`emgface check`) before "
             "using the result."
+        )
+    in_motion = result.attrs.get("motion_misfit_ratio", 0.0)
+    if in_motion > result.attrs["misfit_ratio"] + LAGGING:
+        sentences.append(
+            f"a face that moves by these activations misses the markers by {in_motion:.0%} of their "
+            f"motion, its equilibria by {result.attrs['misfit_ratio']:.0%}: the trial is too fast for "
+            "--form quasi_static, use another form"
         )
     sentences += _of_signals(result.attrs)
     return sentences

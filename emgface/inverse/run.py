@@ -32,7 +32,7 @@ from emgface.recordings.findings import with_findings
 from emgface.recordings.repeated import warn_of
 from emgface.signals.activation import IDENTITY
 from emgface.signals.parameters import SignalChain
-from sim import Activation
+from sim import Activation, FixedStep, LinearlyImplicitEuler, Markers, simulate
 from sim.inverse import MeasuredActivation, Weights, equilibria, track
 from sim.state import Array
 from sim.threads import one_blas_thread
@@ -75,10 +75,11 @@ def invert(
         90 % intervals, and the attributes ``undetermined``, sentences on the muscles that cannot be
         distinguished, and ``converged``, 0 if the fit did not converge; otherwise with
         ``violation(time)`` and ``saturated(time)``. The attribute ``misfit_ratio`` [1] is the root mean
-        square of the misfit over that of the displacements wanted, ``rest_ratio`` that of the
-        displacements during `emgface.inverse.markers.REST` over it, further ones are those of `signs`,
-        ``missing`` are the muscles without own sEMG, and ``sigma_max`` [Pa] is the largest stress of
-        the face, to which the activations are relative.
+        square of the misfit over that of the displacements wanted, ``motion_misfit_ratio`` that of a
+        motion by the activations (quasi-static form, whose misfit is that of equilibria),
+        ``rest_ratio`` that of the displacements during `emgface.inverse.markers.REST` over it,
+        further ones are those of `signs`, ``missing`` are the muscles without own sEMG, and
+        ``sigma_max`` [Pa] is the largest stress of the face, to which the activations are relative.
 
     Raises
     ------
@@ -150,13 +151,37 @@ def _followed(
             problem.system, [target], target.time[1:], weights=weights, measured=measured,
             initial=problem.state, before=before, work=problem.work, progress=progress,
         )  # fmt: skip
-        return tracked
+        activations = tracked["activation"].transpose("time", "muscle").values
+        moved = motion_misfit(problem, np.concatenate([before[None], activations]))
+        return tracked.assign_attrs(motion_misfit=moved)
     tracked, _ = track(
         problem.system, [target], duration=problem.duration, h=h, weights=weights,
         measured=measured, initial=problem.state, before=before, work=problem.work,
         progress=progress,
     )  # fmt: skip
     return tracked
+
+
+def motion_misfit(problem: Problem, activations: Array) -> float:
+    """Root mean square distance per coordinate [m] of the targets from a face that moves.
+
+    `activations` (time, muscle) are those at the times of the targets; the face is simulated with the
+    linear steps of the other forms.
+    """
+    target = problem.target
+    names = tuple(map(str, range(len(target.nodes))))
+    motion, _ = simulate(
+        problem.system,
+        Activation(target.time, activations),
+        duration=problem.duration,
+        integrator=LinearlyImplicitEuler(),
+        steps=FixedStep(problem.h),
+        probes=(Markers(target.nodes, names),),
+        initial=problem.state,
+        work=problem.work,
+    )
+    reached = motion["position"].transpose("time", "marker", "axis").values
+    return float(np.sqrt(np.nanmean((reached - target.position)[1:] ** 2)))
 
 
 def fitted(
@@ -206,6 +231,8 @@ def _result(
     if tracked is not None:
         result = tracked[["activation", "violation", "saturated"]]
         misfit = p.marker_error * tracked["misfit"].values
+        if "motion_misfit" in tracked.attrs and problem.moved > 0.0:
+            attrs["motion_misfit_ratio"] = tracked.attrs["motion_misfit"] / problem.moved
     else:
         assert refined is not None  # one of both forms
         parts = {

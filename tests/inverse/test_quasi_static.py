@@ -1,9 +1,14 @@
 """Quasi-static inverse tracking: known activations, optimality, targets out of reach."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+import xarray as xr
 
 import sim
+from emgface.inverse.doubts import doubts
+from emgface.inverse.run import motion_misfit
 from sim.inverse import PointTarget, SeparationTarget, Weights, equilibria
 from tests.inverse.test_response import block
 
@@ -86,3 +91,31 @@ def test_a_separation_is_followed(tracked):
 def test_no_target_is_an_error():
     with pytest.raises(sim.SceneError, match="0 targets"):
         equilibria(block(), [], TIMES)
+
+
+@pytest.mark.parametrize(("duration", "least", "most"), [(40.0, 0.0, 0.01), (0.02, 0.3, 1.5)])
+def test_a_face_in_motion_misses_equilibria_that_change_fast(duration, least, most):
+    """Of known activations: a slow motion passes through their equilibria, a fast one does not."""
+    system, nodes, n = block(), np.array([25, 26]), 21
+    time = np.linspace(0.0, duration, n)
+    activations = np.linspace(0.0, 1.0, n)[:, None] * TRUE[1]
+    state, work = system.rest_state(), sim.Workspace(system)
+    positions = []
+    for t, a in zip(time, activations, strict=True):
+        state, _ = EXACT.step(system, state, sim.Control(a, t), 0.5, work)
+        positions.append(state.q[nodes])
+    target = PointTarget(nodes, time, np.array(positions), 1e-3)
+    problem = SimpleNamespace(
+        system=system,
+        target=target,
+        duration=duration,
+        h=time[1],
+        state=system.rest_state(),
+        work=work,
+    )
+    moved = np.sqrt(np.mean((target.position - system.mesh.X[nodes]) ** 2))
+    assert least <= motion_misfit(problem, activations) / moved <= most
+    result = xr.Dataset(attrs={"rest_ratio": 0.0, "misfit_ratio": 0.0})
+    ratio = motion_misfit(problem, activations) / moved
+    said = " ".join(doubts(result.assign_attrs(motion_misfit_ratio=ratio)))
+    assert ("too fast" in said) == (least > 0.0)
