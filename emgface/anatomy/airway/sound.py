@@ -106,7 +106,7 @@ def _flow_of_wave(path: Path) -> Flow:
     channels = np.asarray(values, np.float64).reshape(len(values), -1)
     if values.dtype.kind == "u":
         channels = channels - 2.0 ** (8 * values.dtype.itemsize - 1)
-    if (channels != channels[:, :1]).any():
+    if any(not np.array_equal(one, channels[:, 0], equal_nan=True) for one in channels.T):
         raise DataError(
             f"{path} has {channels.shape[1]} channels that differ, expected the flow of the glottis "
             "alone: write one of them to a file"
