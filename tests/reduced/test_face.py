@@ -323,7 +323,7 @@ def test_recordings_that_cannot_be_followed_live_are_refused(face) -> None:
 
 
 def test_a_live_face_moves_as_one_that_is_simulated_with_the_same_activation(face, trained):
-    """Ten frames of simulated noise on a clock that only advances by waiting."""
+    """Frames of simulated noise on a clock that only advances by waiting, until a window is complete."""
     now = [0.0]
     reduced = ReducedFace.for_face(trained[0], face, PARAMETERS)
     t = np.arange(512) / 2048
@@ -338,14 +338,14 @@ def test_a_live_face_moves_as_one_that_is_simulated_with_the_same_activation(fac
 
     source = Played(recording, 0.01, clock=lambda: now[0], wait=wait)
     between = heard(recording, 0.01, reduced.model.system.muscles)
-    frames = list(live(source, reduced, between, seconds=0.1, step=0.01))
+    frames = list(live(source, reduced, between, seconds=0.2, step=0.01))
     log = pd.DataFrame([row for _, _, row in frames])
     summary = live_summary(log, 0.01)
-    assert summary["frames"] == 10 and summary["late frames"] == 0 and now[0] == pytest.approx(0.1)
+    assert summary["frames"] == 20 and summary["late frames"] == 0 and now[0] == pytest.approx(0.2)
     values = np.array([0.0 * frames[0][0], *(a for a, _, _ in frames)])
     assert values.max() > 0.05
-    drive = Activation(0.01 * np.arange(11), values)
-    expected = simulate_reduced(reduced, drive, 0.1)["position"].transpose("time", "marker", "axis")
+    drive = Activation(0.01 * np.arange(21), values)
+    expected = simulate_reduced(reduced, drive, 0.2)["position"].transpose("time", "marker", "axis")
     moved = np.array([markers for _, markers, _ in frames])
     np.testing.assert_allclose(moved, expected.values[1:], atol=1e-9)
 
