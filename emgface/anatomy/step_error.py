@@ -12,13 +12,15 @@ import xarray as xr
 
 import sim
 from emgface.face.parts import Floats
+from emgface.schema.rules import one_line
 from sim.integrators import Integrator
 from sim.integrators.contract import TimeIntegrator
-from sim.probes import Variable
+from sim.probes import Probe, Variable
 from sim.state import Control, Outputs, State, StepReport
 
 MOST_STEP_HALVINGS = 6
 """Largest number of times that steps are halved to reach a desired error."""
+REPETITION_FAILED = "repetition_failed"  #: attribute of a motion
 FITTING = 1e-6
 """Relative difference from a whole ratio of two times that is rounding."""
 
@@ -123,20 +125,70 @@ def with_step_error(
     """Motion with ``numerical_error`` (time) [m], also an attribute with its largest value.
 
     Steps are shortened until the error is at most a tolerance [m], at most `MOST_STEP_HALVINGS` times;
-    without a tolerance they are those given. Other arguments as of `repeated_motion`.
+    without a tolerance they are those given. Other arguments as of `repeated_motion`. If a repetition
+    fails, the attribute ``repetition_failed`` is the reason; without any, the error is not known.
     """
-    whole = tolerance is not None
-    pair, halved = repeated_motion(run, step, output, order, shorter=shorter, whole=whole), 0
+    whole, failed, moved, halved = tolerance is not None, dict[str, str](), list[xr.Dataset](), 0
+
+    def kept(h: float, whole: bool) -> xr.Dataset:
+        moved.append(run(h, whole))
+        return moved[-1]
+
+    try:
+        pair = repeated_motion(kept, step, output, order, shorter=shorter, whole=whole)
+    except sim.SimulationError as reason:
+        if not moved or shorter:
+            raise
+        return moved[0].assign_attrs({REPETITION_FAILED: one_line(reason)})
     error = pair.error()
     while tolerance is not None and error[-1] > tolerance and halved < MOST_STEP_HALVINGS:
         halved += 1
         best = pair.other if pair.shorter else pair.motion
-        finer = run(_next_shorter(float(best.attrs["step_s"]), output), True)
+        try:
+            finer = run(_next_shorter(float(best.attrs["step_s"]), output), True)
+        except sim.SimulationError as reason:
+            failed = {REPETITION_FAILED: one_line(reason)}
+            break
         pair = Repeated(best, finer, order) if pair.shorter else Repeated(finer, best, order)
         error = pair.error()
     motion = pair.motion.assign(numerical_error=("time", error, {"units": "m"}))
-    motion.attrs["numerical_error"] = float(error[-1])
-    return motion
+    return motion.assign_attrs({"numerical_error": float(error[-1]), **failed})
+
+
+def motion_of(
+    system: sim.System,
+    drive: sim.Activation,
+    probes: Sequence[Probe],
+    *,
+    duration: float,
+    step: float,
+    output: float,
+    integrator: Integrator,
+    check: bool,
+    tolerance: float | None,
+    progress: Callable[[int, int], None] | None,
+) -> xr.Dataset:
+    """Motion of a scene with steps that are halved where they fail, with its error if it is checked.
+
+    The first of the `probes` records the points whose error is estimated; a repetition records no
+    others. `progress` is called in every repetition.
+    """
+
+    def run(h: float, whole: bool) -> xr.Dataset:
+        return sim.simulate(
+            system,
+            drive,
+            duration=duration,
+            steps=sim.HalvingStep(h),
+            every=output,
+            integrator=integrator,
+            probes=probes if whole else probes[:1],
+            progress=progress,
+        )[0]
+
+    if not check and tolerance is None:
+        return run(step, True)
+    return with_step_error(run, step, output, order_of_steps(integrator), tolerance)
 
 
 def _whole(ratio: float) -> bool:

@@ -337,6 +337,11 @@ def tolerance_of(accuracy: str | None) -> float | None:
 
 def error_of(motion: "xr.Dataset", tolerance: float | None) -> str:
     """Sentence on the estimated error, and how to reduce it if it is large."""
+    if "numerical_error" not in motion.attrs:
+        return (
+            "The error of the time steps is not known, because a repetition with shorter steps failed "
+            f"({motion.attrs['repetition_failed']}): lower the excitations, or specify another --step."
+        )
     error, x = motion.attrs["numerical_error"], motion["position"]
     moved = float(((x - x.isel(time=0)) ** 2).sum("axis").max()) ** 0.5
     text = f"Estimated error of the time steps: {1e3 * error:.2g} mm"

@@ -11,6 +11,7 @@ from emgface.anatomy.step_error import MOST_STEP_HALVINGS, repeated_motion, with
 from emgface.anatomy.tongue.actions import raised_muscles
 from emgface.anatomy.tongue.parameters import variant
 from emgface.anatomy.tongue.run import simulate_tongue
+from emgface.models.kinds import error_of
 from sim.outputs import intervals
 from tests.tongue.small import small_tongue
 
@@ -119,3 +120,20 @@ def test_a_repetition_that_fails_with_long_steps_has_short_ones():
     pair = repeated_motion(run, 5e-3, 0.01, 1)
     assert run.steps == [5e-3, 1e-2, 2.5e-3] and pair.shorter
     np.testing.assert_allclose(pair.error(), 5e-3)
+
+
+def test_a_motion_whose_repetition_fails_is_kept_without_an_error():
+    class Longest(Run):
+        def __call__(self, h, whole):
+            if h < 5e-3:
+                raise sim.NotConverged((), 0.0, "too short")
+            return super().__call__(h, whole)
+
+    alone = with_step_error(Longest(0.01, True), 1e-2, 0.01, 1, 1e-9)
+    assert alone.attrs["numerical_error"] == pytest.approx(1e-2)  # 5 ms are its repetition
+    assert "too short" in alone.attrs["repetition_failed"]
+    lost = with_step_error(Longest(0.01, True), 5e-3, 5e-3, 1, None)
+    assert "numerical_error" not in lost and "too short" in lost.attrs["repetition_failed"]
+    assert "is not known" in error_of(lost, None)
+    with pytest.raises(sim.NotConverged):
+        with_step_error(Longest(0.01, True), 1e-3, 0.01, 1, None)

@@ -11,7 +11,7 @@ import sim
 from emgface.anatomy.head.model import GROUP_SCHEMAS, HEAD_DIGEST, Head, head_digest, read_parts
 from emgface.anatomy.head.scene import TONGUE, HeadScene, head_scene
 from emgface.anatomy.jaw.series import Excitation, ramps
-from emgface.anatomy.step_error import order_of_steps, with_step_error
+from emgface.anatomy.step_error import motion_of
 from emgface.anatomy.tongue.parameters import TongueParameters
 from emgface.anatomy.tongue.scene import LINE_ENDING
 from emgface.errors import HeadError
@@ -100,25 +100,11 @@ def simulate_head(
     parts = scene or head_scene(head, face=face, tongue=tongue, law=law, gravity=gravity)
     system = parts.system
     drive, given, negative = scene_activation(head, system, excitation)
-    scheme = sim.LinearlyImplicitEuler() if integrator is None else integrator
-    recorded = probes(head, parts)
-
-    def run(h: float, whole: bool) -> xr.Dataset:
-        return sim.simulate(
-            system,
-            drive,
-            duration=duration,
-            steps=sim.HalvingStep(h),
-            every=output,
-            integrator=scheme,
-            probes=recorded if whole else recorded[:1],
-            progress=progress,
-        )[0]
-
-    if check or tolerance is not None:
-        motion = with_step_error(run, step, output, order_of_steps(scheme), tolerance)
-    else:
-        motion = run(step, True)
+    motion = motion_of(
+        system, drive, probes(head, parts), duration=duration, step=step, output=output,
+        integrator=sim.LinearlyImplicitEuler() if integrator is None else integrator,
+        check=check, tolerance=tolerance, progress=progress,
+    )  # fmt: skip
     if "node_position" in motion:
         n = parts.scene.mesh.n_nodes
         motion = motion.isel(node=slice(0, n))

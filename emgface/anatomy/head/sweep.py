@@ -11,7 +11,7 @@ import xarray as xr
 
 import sim
 from emgface.anatomy.head.build import build_head
-from emgface.anatomy.head.model import Head, read_head, write_head
+from emgface.anatomy.head.model import Head, head_digest, read_head, write_head
 from emgface.anatomy.head.outcomes import Measure, outcomes
 from emgface.anatomy.head.plan import PlannedRun, Setting, labels, nested, read_sweep_plan
 from emgface.anatomy.head.run import raised, simulate_head
@@ -22,7 +22,7 @@ from emgface.errors import HeadError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.muscles import parse_ring
 from emgface.files import write_text
-from emgface.run.digest import canonical_json, dataset_digest, text_digest
+from emgface.run.digest import dataset_digest, text_digest
 from emgface.run.mechanics import MECHANICS
 from emgface.run.observer import Observer, Silent
 from emgface.run.runner import Workers
@@ -137,9 +137,8 @@ def _stored_head(head: Head, store: Store) -> Path:
 
 
 def digest_of_parts(head: Head) -> str:
-    """Digest of the content of a head."""
-    parts = {name: dataset_digest(part) for name, part in head.parts.items()}
-    return text_digest(canonical_json({"lists": dataset_digest(head.lists), "parts": parts}))
+    """Digest of the content of a head: its lists and parts."""
+    return text_digest(f"{dataset_digest(head.lists)} {head_digest(head.parts)}")
 
 
 @dataclass(frozen=True)

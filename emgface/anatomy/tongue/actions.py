@@ -92,7 +92,7 @@ def action_table(
                 step=step,
             )
             row |= {key: round(value, 4) for key, value in action(motion).items()}
-            row["error_mm"] = round(1e3 * motion.attrs["numerical_error"], 4)
+            row["error_mm"] = round(1e3 * motion.attrs.get("numerical_error", np.nan), 4)
         except sim.SimulationError as error:
             row["fails"] = str(error)
         rows.append(row)

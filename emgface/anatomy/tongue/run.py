@@ -7,7 +7,7 @@ import xarray as xr
 
 import sim
 from emgface.anatomy.jaw.series import Excitation
-from emgface.anatomy.step_error import order_of_steps, with_step_error
+from emgface.anatomy.step_error import motion_of
 from emgface.anatomy.tongue.parameters import TongueParameters
 from emgface.anatomy.tongue.scene import tongue_activation, tongue_scene
 from emgface.face.parts import Floats
@@ -77,26 +77,15 @@ def simulate_tongue(
     given, negative = excitation.activation(tongue)
     values = given.transpose("time", "muscle").values
     markers = tuple(map(str, tongue["marker"].values))
-    drive = sim.Activation(excitation.time, tongue_activation(tongue, system, values))
-    scheme = sim.ConvergedEuler() if integrator is None else integrator
     points = sim.Markers(tongue["marker_node"].values.astype(np.int64), markers)
-
-    def run(h: float, whole: bool) -> xr.Dataset:
-        return sim.simulate(
-            system,
-            drive,
-            duration=duration,
-            steps=sim.HalvingStep(h),
-            every=output,
-            integrator=scheme,
-            probes=(points, sim.Positions(), sim.SmallestJ()) if whole else (points,),
-            progress=progress,
-        )[0]
-
-    if check or tolerance is not None:
-        motion = with_step_error(run, step, output, order_of_steps(scheme), tolerance)
-    else:
-        motion = run(step, True)
+    motion = motion_of(
+        system,
+        sim.Activation(excitation.time, tongue_activation(tongue, system, values)),
+        (points, sim.Positions(), sim.SmallestJ()),
+        duration=duration, step=step, output=output,
+        integrator=sim.ConvergedEuler() if integrator is None else integrator,
+        check=check, tolerance=tolerance, progress=progress,
+    )  # fmt: skip
     return validate(_labelled(tongue, motion, excitation, values, p, negative), "tongue_motion")
 
 
