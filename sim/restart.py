@@ -1,6 +1,8 @@
 """Files of the states of simulations."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from hashlib import sha256
 from os import PathLike
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from sim.state import Array, State
 from sim.system import System
 
 _KIND = "state of a simulation"
+_DIGEST = "digest"  # attribute: of all values; absent in files of earlier versions
 SCENE = "scene"
 """Name of the digest of the scene in `State.memory`; other names belong to terms, rows and contact."""
 
@@ -48,8 +51,19 @@ def require_own(state: State, system: System) -> None:
         )
 
 
+def _digest(names: list[str], arrays: Mapping[str, Array]) -> str:
+    """Digest of the values of a state by variable, and of the names of its memory."""
+    parts = [
+        repr((name, a.dtype.str, a.shape)).encode() + a.tobytes() for name, a in arrays.items()
+    ]
+    return sha256(repr(names).encode() + b"".join(parts)).hexdigest()
+
+
 def save_state(state: State, path: str | PathLike[str]) -> None:
-    """Write a state, as returned by `sim.simulate`, to a netCDF file without loss of precision."""
+    """Write a state, as returned by `sim.simulate`, to a netCDF file without loss of precision.
+
+    The file contains a digest of all values, so that a damaged one is not mistaken for a state.
+    """
     import netCDF4
 
     blocks: dict[str, tuple[tuple[str, ...], Array | float, dict[str, str]]] = {
@@ -68,12 +82,14 @@ def save_state(state: State, path: str | PathLike[str]) -> None:
     for i, array in enumerate(state.memory.values()):
         dims = tuple(f"memory_{i}_{k}" for k in range(array.ndim))
         blocks[f"memory_{i}"] = (dims, array, {})
+    arrays = {name: np.asarray(blocks[name][1]) for name in sorted(blocks)}
     # Written directly, because a labelled dataset takes twice the time of a small file.
     with netCDF4.Dataset(path, "w") as file:
         file.setncattr("kind", _KIND)
         file.setncattr("memory", list(state.memory) or "")
-        for name, (dims, values, attrs) in blocks.items():
-            array = np.asarray(values)
+        file.setncattr(_DIGEST, _digest(list(state.memory), arrays))
+        for name, (dims, _, attrs) in blocks.items():
+            array = arrays[name]
             for dim, n in zip(dims, array.shape, strict=True):
                 if dim not in file.dimensions:
                     file.createDimension(dim, n)
@@ -90,7 +106,7 @@ def read_state(path: str | PathLike[str]) -> State:
     Raises
     ------
     SceneError
-        The file is absent or contains no state.
+        The file is absent, contains no state, or was changed after it was written.
     """
     if not Path(path).is_file():
         raise SceneError(f"{path} is not a file, expected a state written by sim.save_state")
@@ -100,10 +116,12 @@ def read_state(path: str | PathLike[str]) -> State:
         ) as data:
             if data.attrs.get("kind") != _KIND:
                 raise ValueError(f"its attribute 'kind' is {data.attrs.get('kind')!r}")
-            names = np.atleast_1d(data.attrs["memory"]).tolist()
-            arrays = [data[f"memory_{i}"].values for i in range(len(names) if names != [""] else 0)]
+            names = [name for name in np.atleast_1d(data.attrs["memory"]).tolist() if name]
+            arrays = {str(name): data[name].values for name in sorted(map(str, data.variables))}
+            if data.attrs.get(_DIGEST, own := _digest(names, arrays)) != own:
+                raise ValueError("its values are not those that were written")
             q, v = data["position"].values, data["velocity"].values
-            memory = dict(zip(names, arrays, strict=False))
+            memory = {name: arrays[f"memory_{i}"] for i, name in enumerate(names)}
             if "body_position" not in data:
                 return State(float(data["time"]), q, v, memory)
             frames, twists = (

@@ -318,6 +318,10 @@ def _lost_stability(
 
 
 def _require_finite(state: State) -> None:
+    if not np.isfinite(state.t):
+        raise SceneError(
+            f"the time of the initial state is {state.t} s, expected a finite number: state it"
+        )
     blocks = {"position": state.q, "velocity": state.v}
     blocks |= {"frame": state.frames, "twist": state.twists}
     for name, values in blocks.items():

@@ -251,6 +251,8 @@ def simulate_face(
         further = tuple(probe for probe in further if not isinstance(probe, Mouth))  # as below
     system = sim.compile_scene(compose_scene(face, parameters))
     control, duration, pace = control_of(activation, system.muscles, parameters)
+    if branch is not None:
+        branch.require_use(waypoints, duration)
     start = branch.state if branch else _start(face, parameters, system, settled)
     checkpoint = None if points is None else points.outputs(parameters.output)
     if waypoints is not None:

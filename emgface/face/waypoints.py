@@ -65,6 +65,20 @@ class Branch:
     digest: str
     points: WayPoints
 
+    def require_use(self, written: WayPoints | None, duration: float) -> None:
+        """ConfigurationError if a motion of a duration [s] would end before, or replaces this folder."""
+        if self.state.t >= duration:
+            raise ConfigurationError(
+                f"the motion branches at {self.state.t:g} s, expected a way point before its end at "
+                f"{duration:g} s: choose an earlier one, or a longer activation"
+            )
+        folder = self.points.folder
+        if written is not None and written.folder.resolve() == folder.resolve():
+            raise ConfigurationError(
+                f"{folder} is the folder of the way point at which the motion begins, expected another "
+                "one for its own way points, which would replace it"
+            )
+
     @classmethod
     def from_folder(cls, folder: Path, at: float) -> "Branch":
         """Read the way point at a time [s].

@@ -64,6 +64,21 @@ def test_a_way_point_of_another_scene_is_refused(coarse, parent):
         ef.simulate(drive(coarse), coarse, branch=(folder, 0.06), **CHOICES | {"sigma_max": 60e3})
 
 
+def test_a_motion_does_not_replace_the_way_points_from_which_it_begins(coarse, parent):
+    _, folder = parent
+    before = sorted(path.name for path in folder.iterdir())
+    with pytest.raises(ConfigurationError, match="expected another one for its own way points"):
+        ef.simulate(
+            drive(coarse), coarse, branch=(folder, 0.06), waypoints=(folder, EVERY), **CHOICES
+        )
+    assert sorted(path.name for path in folder.iterdir()) == before
+    short = drive(coarse).isel(time=slice(None, 2))
+    with pytest.raises(
+        ConfigurationError, match=r"branches at 0.09 s, .* before its end at 0.06 s"
+    ):
+        ef.simulate(short, coarse, branch=(folder, 0.09), **CHOICES)
+
+
 def test_folders_that_are_no_way_points_are_refused(parent, tmp_path):
     _, folder = parent
     with pytest.raises(

@@ -81,6 +81,37 @@ def test_positions_and_velocities_alone_fit_every_scene(state):
     assert ran(system, bare).t == pytest.approx(0.004)
 
 
+def test_a_damaged_file_is_no_other_state(tmp_path, state):
+    """Bytes that are lost, changed or never written: refused, or without influence."""
+    file, rng = tmp_path / "state.nc", np.random.default_rng(0)
+    sim.save_state(state, file)
+    whole = file.read_bytes()
+    ends = np.linspace(0, len(whole) - 1, 40).astype(int)
+    damaged = [whole[:n] for n in ends] + [whole[:n] + bytes(len(whole) - n) for n in ends]
+    for at in rng.integers(len(whole), size=150):
+        damaged.append(whole[:at] + bytes([whole[at] ^ 1 << rng.integers(8)]) + whole[at + 1 :])
+    refused = 0
+    for content in damaged:
+        file.write_bytes(content)
+        try:
+            again = sim.read_state(file)
+        except sim.SceneError:
+            refused += 1
+            continue
+        assert again.t == state.t and list(again.memory) == list(state.memory)
+        for name in ("q", "v", "frames", "twists"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(state, name))
+        for name, array in state.memory.items():
+            np.testing.assert_array_equal(again.memory[name], array)
+    assert refused > 80
+
+
+@pytest.mark.parametrize("t", [np.nan, np.inf])
+def test_a_state_without_a_time_is_refused(state, t):
+    with pytest.raises(sim.SceneError, match="time of the initial state"):
+        ran(sim.compile_scene(scene()), replace(state, t=t))
+
+
 @pytest.mark.parametrize("name", ["q", "v", "frames", "twists"])
 def test_states_of_another_size_are_refused(state, name):
     wrong = replace(state, **{name: getattr(state, name)[:-1]})
