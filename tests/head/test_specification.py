@@ -149,7 +149,9 @@ def _actions(name: str, table: pd.DataFrame, full: pd.DataFrame, soft: float) ->
 def generated_tongue() -> Results:
     """Check 5 with the generated tongue."""
     tongue = build_head(["tongue"], preset="man", resolution="coarse").parts["tongue"]
-    tables = [action_table(tongue, TONGUE, level=level, step=2e-2) for level in (0.3, 1.0)]
+    tables = [
+        action_table(tongue, TONGUE, level=level, step=2e-2, check=False) for level in (0.3, 1.0)
+    ]
     yield from _actions("generated", tables[0], tables[1], 1.0)
 
 
@@ -157,7 +159,7 @@ def published_tongue(models: Path) -> Results:
     """5 actions of the published tongue."""
     tongue = import_tongue(models / "tongue")
     p = variant("elements", damping_tangent="passive")
-    tables = [action_table(tongue, p, level=level, step=2e-2) for level in (0.3, 1.0)]
+    tables = [action_table(tongue, p, level=level, step=2e-2, check=False) for level in (0.3, 1.0)]
     yield from _actions("published", tables[0], tables[1], 1.0)
 
 
@@ -178,7 +180,9 @@ def approximant(models: Path) -> Results:
     head = import_head(models, ["face"])
     scene = head_scene(head, face=SimulationParameters.model_validate(LAW))
     drive = raised({f"bi_{m}": level for m, level in LABIALS["approximant"].items()}, jaw=False)
-    motion = simulate_head(head, drive, duration=0.4, step=2e-2, output=4e-2, scene=scene)
+    motion = simulate_head(
+        head, drive, duration=0.4, step=2e-2, output=4e-2, scene=scene, check=False
+    )
     area = 1e6 * motion["mouth_area"].values
     last = float(outcomes(motion, head)["area_mm2"])
     yield Result(

@@ -13,6 +13,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -29,8 +30,9 @@ from emgface.cli.written import WRITTEN_OPTIONS
 from emgface.face.file import save_face
 from emgface.face.waypoints import INDEX
 from emgface.files import is_part
-from emgface.pictures import movie
+from emgface.pictures import movie, stills
 from emgface.recordings.dataset import read_recording, write_recording
+from emgface.treatment import motions
 from tests.api.test_command_files import paths
 from tests.study_run.test_cli import STUDY
 
@@ -148,10 +150,13 @@ def watched(folder: Path, act: Callable[[int, str, str], None]) -> Iterator[None
 
 
 @pytest.fixture(scope="module", autouse=True)
-def small_movies() -> Iterator[None]:
-    """Movies of few pixels, whose files are written in the same changes: each is drawn seven times."""
+def small_results() -> Iterator[None]:
+    """Pictures of few pixels and short gestures, in the same changes of files; made seven times each."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(movie, "PANEL", 40)
+        patch.setattr(stills, "paint", partial(stills.paint, pixels=20))
+        patch.setattr(motions, "GESTURE_RISE", 0.05)
+        patch.setattr(motions, "HOLD", 0.05)
         yield
 
 

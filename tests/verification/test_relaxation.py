@@ -181,7 +181,12 @@ def test_forces_and_tangents_during_a_step_have_a_potential():
 
 
 EXPLICIT = {sim.SymplecticEuler: 2e-4, sim.RungeKutta4: 2.5e-4}
-MOVING = driven(100.0, 2e-3, 0.0, relaxation=PRONY)
+
+
+@functools.cache
+def moving():
+    """System whose motions are compared; compiled by the first test, not by every collection."""
+    return driven(100.0, 2e-3, 0.0, relaxation=PRONY)
 
 
 def end_of_motion(system, integrator, h):
@@ -193,14 +198,14 @@ def end_of_motion(system, integrator, h):
 @functools.cache
 def reference_motion():
     """Second-order solution with an error of 1e-8 m (difference from Sdirk2)."""
-    return end_of_motion(MOVING, sim.Trapezoidal(), 0.1 / 320).q
+    return end_of_motion(moving(), sim.Trapezoidal(), 0.1 / 320).q
 
 
 @pytest.mark.parametrize("cls", INTEGRATORS)
 def test_every_integrator_updates_the_memory(cls):
     """All integrators converge to the same motion."""
     h = EXPLICIT.get(cls, 0.005)
-    ends = [end_of_motion(MOVING, cls(), size) for size in (2 * h, h)]
+    ends = [end_of_motion(moving(), cls(), size) for size in (2 * h, h)]
     errors = [np.abs(end.q - reference_motion()).max() for end in ends]
     assert ends[1].memory["Solid[0]"].any()
     assert errors[1] < 0.65 * errors[0] or errors[1] < 1e-8
@@ -237,7 +242,7 @@ def test_a_static_equilibrium_is_relaxed():
 @pytest.mark.parametrize("cls", INTEGRATORS)
 def test_a_rejected_step_changes_nothing(cls):
     """A failed step, followed by its half, gives the same numbers as the half alone."""
-    system, h = MOVING, 2 * EXPLICIT.get(cls, 0.005)
+    system, h = moving(), 2 * EXPLICIT.get(cls, 0.005)
     control = system.control(np.full(2, 0.3))
     state = system.rest_state()
     for _ in range(3):
@@ -262,7 +267,7 @@ def test_a_rejected_step_changes_nothing(cls):
 def test_rejected_steps_do_not_change_the_motion():
     activation = sim.Activation(np.array([0.0, 0.1]), np.array([[0.0, 0.0], [0.3, 0.3]]))
     trajectory, end = sim.simulate(
-        MOVING,
+        moving(),
         activation,
         duration=0.1,
         integrator=sim.Sdirk2(),

@@ -72,11 +72,13 @@ def action_table(
     *,
     level: float = ACTION_LEVEL,
     step: float = TONGUE_STEP,
+    check: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> pd.DataFrame:
     """Action of every muscle of both sides, without gravity (`action`).
 
-    ``error_mm`` is the estimated error of the time steps. A muscle whose simulation fails has the
+    ``error_mm`` is the estimated error of the time steps, for which every motion is repeated with
+    other steps; without `check` it is not a number. A muscle whose simulation fails has the
     reason in the column ``fails``.
     """
     p = (parameters or TongueParameters()).model_copy(update={"gravity": False})
@@ -90,6 +92,7 @@ def action_table(
                 duration=ACTION_DURATION,
                 parameters=p,
                 step=step,
+                check=check,
             )
             row |= {key: round(value, 4) for key, value in action(motion).items()}
             row["error_mm"] = round(1e3 * motion.attrs.get("numerical_error", np.nan), 4)
