@@ -112,7 +112,9 @@ def sound_cube(cube: xr.Dataset, variable: str) -> xr.Dataset:
                 "numbers, or NaN where it is undefined: repair the cube"
             )
     ordered = [dim for dim in TRIAL_DIMS[:3] if dim in cube.indexes]
-    return cube.sortby(ordered) if ordered else cube
+    if all(cube.indexes[dim].is_monotonic_increasing for dim in ordered):
+        return cube
+    return cube.sortby(ordered)
 
 
 def on_scale(cube: xr.Dataset, variable: str, scale: Scale, limit: float) -> xr.DataArray:
@@ -164,6 +166,19 @@ def paired(
     `variable`, `scale` and `limit` are those of `compare`.
     """
     data = on_scale(cube, variable, scale, limit)
+    return _paired(data, cube, first, second, dim, variable, limit if scale == "z" else None)
+
+
+def _paired(
+    data: xr.DataArray,
+    cube: xr.Dataset,
+    first: str,
+    second: str,
+    dim: str,
+    variable: str,
+    limit: float | None,
+) -> PairedScores:
+    """Differences of the values of `on_scale`, which are Fisher's z if there is a limit."""
     status = status_of(cube).broadcast_like(data).transpose(*data.dims)
     sides = [selected(data, {dim: label}).drop_vars(dim) for label in (first, second)]
     kinds = [selected(status, {dim: label}).drop_vars(dim).values for label in (first, second)]
@@ -180,12 +195,12 @@ def paired(
         "lost_undefined": int((~defined & ~failed & ~excluded & ~missing).sum()),
         "clipped": 0,
     }
-    if scale == "z":
+    if limit is not None:
         most = float(np.arctanh(limit))
         at_limit = [np.abs(side.values) >= most for side in sides]
         counts["clipped"] = int((defined & (at_limit[0] | at_limit[1])).sum())
     _, unit, factor, _ = TABLE_UNITS.get(variable, ("1", "1", 1.0, 2))
-    unit = " in z" if scale == "z" else "" if unit == "1" else f" {unit}"
+    unit = " in z" if limit is not None else "" if unit == "1" else f" {unit}"
     label = f"{first} - {second}"
     return PairedScores(label, differences, volunteer_means(differences), counts, unit, factor)
 
@@ -231,7 +246,8 @@ def compare(
             "analysis.sensitivity"
         )
     chosen = chosen_contrasts([str(label) for label in cube["strategy"].values], contrasts)
-    pairs = [paired(cube, *each, variable=variable, scale=used, limit=limit) for each in chosen]
+    clipped = limit if used == "z" else None
+    pairs = [_paired(data, cube, *each, "strategy", variable, clipped) for each in chosen]
     attrs = described(cube, variable, used) | ({"clipped_at": limit} if used == "z" else {})
     return Comparison(data, tuple(pairs), attrs)
 
